@@ -17,11 +17,11 @@ BILL = "sarmitsuba.cdx.json"
 # works of others inside the package: name, licence (SPDX, or the file that holds it), folder, files, and what their
 # version follows in a file
 WORKS = (
-    ("three.js", "MIT", "sarmitsuba/page/web/vendor", "*.js", ("README.md", r"three\.js (\S+)")),
+    ("three.js", "MIT", "sarmitsuba/view/page/web/vendor", "*.js", ("README.md", r"three\.js (\S+)")),
     (
         "Austin RCS Benchmark Suite",
         "LICENSE-AustinRCSBenchmarks.txt",
-        "sarmitsuba/validation/measured",
+        "sarmitsuba/truth/validation/measured",
         "*.csv.gz",
         None,
     ),

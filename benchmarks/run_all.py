@@ -23,8 +23,8 @@ import harness
 import kernel_sources
 import listing
 
-from sarmitsuba.errors import ExtensionError
-from sarmitsuba.registry import load_extension
+from sarmitsuba.core.errors import ExtensionError
+from sarmitsuba.core.registry import load_extension
 
 DOCS = harness.ROOT / "docs"
 HEAD = """# Benchmarks
@@ -86,8 +86,8 @@ def main() -> int:
 
 def run(wanted: list[harness.Benchmark], output: Path, quick: bool) -> list[str]:
     """Run benchmarks one after the other; return the names of those that broke."""
-    from sarmitsuba.backend import ensure_backend
-    from sarmitsuba.errors import SarmitsubaWarning
+    from sarmitsuba.core.errors import SarmitsubaWarning
+    from sarmitsuba.machine.backend import ensure_backend
 
     warnings.simplefilter("ignore", SarmitsubaWarning)
     ensure_backend()

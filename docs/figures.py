@@ -20,19 +20,19 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Arc, Polygon
 
 from sarmitsuba.analysis.interferometry import height_map, interferogram
-from sarmitsuba.arrays import F64
+from sarmitsuba.analysis.labels import labels
 from sarmitsuba.cli import main
-from sarmitsuba.focusing import default_grid, focus
-from sarmitsuba.focusing.focuser_comparison import compare_focusers
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.image.averaging import sliding_means
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.image.shown_axes import ShownAxes
-from sarmitsuba.io import read_image, read_raw
-from sarmitsuba.labelling import labels
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.files import read_image, read_raw
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.orbit import OrbitRequest, circular_orbit
+from sarmitsuba.signal.focusing import default_grid, focus
+from sarmitsuba.signal.focusing.focuser_comparison import compare_focusers
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.image.averaging import sliding_means
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image.shown_axes import ShownAxes
 from sarmitsuba.view.focusers import focusers_figure
 from sarmitsuba.view.fringes import interferogram_figure
 from sarmitsuba.view.labels_picture import labels_figure

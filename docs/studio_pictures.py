@@ -13,9 +13,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from sarmitsuba.backend import ensure_backend
-from sarmitsuba.studio.server import Studio
-from sarmitsuba.view.changed_view import DIFFERENCE
+from sarmitsuba.apps.fit.changed_view import DIFFERENCE
+from sarmitsuba.apps.studio.server import Studio
+from sarmitsuba.machine.backend import ensure_backend
 
 DOCS = Path(__file__).parent
 # what moves, and how far on the slider: 2 mm, where the wall's change is a fifth off to first order

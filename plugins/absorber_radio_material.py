@@ -1,7 +1,7 @@
 """BSDF ``absorber-radio-material``: Sionna RT's perfect absorber."""
 
-from sarmitsuba.loader.plugins import register
-from sarmitsuba.loader.tables import ABSORBER
+from sarmitsuba.loading.plugins import register
+from sarmitsuba.loading.tables import ABSORBER
 
 from .surface import RadarSurface
 

@@ -1,7 +1,7 @@
 """BSDF ``holder-material``: Sionna RT's wrapper around one material."""
 
-from sarmitsuba.loader.plugins import register
-from sarmitsuba.loader.tables import HOLDER
+from sarmitsuba.loading.plugins import register
+from sarmitsuba.loading.tables import HOLDER
 
 from .surface import RadarSurface
 

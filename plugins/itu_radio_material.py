@@ -1,7 +1,7 @@
 """BSDF ``itu-radio-material``: Sionna RT's ITU material."""
 
-from sarmitsuba.loader.plugins import register
-from sarmitsuba.loader.tables import ITU_RADIO_MATERIAL
+from sarmitsuba.loading.plugins import register
+from sarmitsuba.loading.tables import ITU_RADIO_MATERIAL
 
 from .surface import RadarSurface
 

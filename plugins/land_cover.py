@@ -1,7 +1,7 @@
 """BSDF ``land_cover``: many materials on one mesh, by a bitmap of classes."""
 
-from sarmitsuba.loader.plugins import register
-from sarmitsuba.loader.tables import LAND_COVER
+from sarmitsuba.loading.plugins import register
+from sarmitsuba.loading.tables import LAND_COVER
 
 from .surface import RadarSurface
 

@@ -1,7 +1,7 @@
 """BSDF ``point_scatterer``: turns a sphere into an ideal scatterer at its centre."""
 
-from sarmitsuba.loader.plugins import register
-from sarmitsuba.loader.tables import POINT_SCATTERER
+from sarmitsuba.loading.plugins import register
+from sarmitsuba.loading.tables import POINT_SCATTERER
 
 from .surface import RadarSurface
 

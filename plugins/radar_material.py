@@ -1,7 +1,7 @@
 """BSDF ``radar_material``: smooth or rough half space, conductor or dielectric."""
 
-from sarmitsuba.loader.plugins import register
-from sarmitsuba.loader.tables import RADAR_MATERIAL
+from sarmitsuba.loading.plugins import register
+from sarmitsuba.loading.tables import RADAR_MATERIAL
 
 from .surface import RadarSurface
 

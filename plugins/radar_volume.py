@@ -1,7 +1,7 @@
 """BSDF ``radar_volume``: makes a closed shape a volume that waves go through, such as the crown of a tree."""
 
-from sarmitsuba.loader.plugins import register
-from sarmitsuba.loader.tables import RADAR_VOLUME
+from sarmitsuba.loading.plugins import register
+from sarmitsuba.loading.tables import RADAR_VOLUME
 
 from .surface import RadarSurface
 

@@ -1,7 +1,7 @@
 """BSDF ``radar_wire``: turns a cylinder or a line into wires that scatter by a closed form."""
 
-from sarmitsuba.loader.plugins import register
-from sarmitsuba.loader.tables import RADAR_WIRE
+from sarmitsuba.loading.plugins import register
+from sarmitsuba.loading.tables import RADAR_WIRE
 
 from .surface import RadarSurface
 

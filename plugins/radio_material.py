@@ -1,7 +1,7 @@
 """BSDF ``radio-material``: Sionna RT's general material."""
 
-from sarmitsuba.loader.plugins import register
-from sarmitsuba.loader.tables import RADIO_MATERIAL
+from sarmitsuba.loading.plugins import register
+from sarmitsuba.loading.tables import RADIO_MATERIAL
 
 from .surface import RadarSurface
 

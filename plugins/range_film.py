@@ -1,8 +1,8 @@
 """Film ``range_film``: receive window and sampling of the echoes, and the image to focus."""
 
-from sarmitsuba.backend import mi
-from sarmitsuba.loader.plugins import describe, given_values, register
-from sarmitsuba.loader.tables import FILM
+from sarmitsuba.loading.plugins import describe, given_values, register
+from sarmitsuba.loading.tables import FILM
+from sarmitsuba.machine.backend import mi
 
 
 @register(FILM)

@@ -1,9 +1,9 @@
 """Sensor ``sar_antenna``: track, beam, waveform, polarisation and power of a monostatic radar."""
 
-from sarmitsuba.backend import mi
-from sarmitsuba.errors import RadarError
-from sarmitsuba.loader.plugins import describe, given_values, register
-from sarmitsuba.loader.tables import SENSOR
+from sarmitsuba.core.errors import RadarError
+from sarmitsuba.loading.plugins import describe, given_values, register
+from sarmitsuba.loading.tables import SENSOR
+from sarmitsuba.machine.backend import mi
 
 
 @register(SENSOR)

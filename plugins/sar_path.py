@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from sarmitsuba.backend import mi
-from sarmitsuba.loader.plugins import describe, given_values, register
-from sarmitsuba.loader.tables import INTEGRATOR
+from sarmitsuba.loading.plugins import describe, given_values, register
+from sarmitsuba.loading.tables import INTEGRATOR
+from sarmitsuba.machine.backend import mi
 
 
 @register(INTEGRATOR)
@@ -29,7 +29,7 @@ class SarPath(mi.SamplingIntegrator):
         ``seed`` is used unless it is 0, then the integrator's is; for ``spp`` see ``ray_spacing``.
         """
         import sarmitsuba
-        from sarmitsuba.loader.from_mitsuba import scene_from_mitsuba
+        from sarmitsuba.loading.from_mitsuba import scene_from_mitsuba
 
         loaded = scene_from_mitsuba(scene, sensor, self)
         image = sarmitsuba.focus(sarmitsuba.simulate(loaded, seed=int(seed) or None))

@@ -3,9 +3,9 @@
 from functools import cached_property
 from typing import ClassVar
 
-from sarmitsuba.backend import mi
-from sarmitsuba.loader.plugins import describe, given_values
-from sarmitsuba.parameters import ParamTable
+from sarmitsuba.core.parameters import ParamTable
+from sarmitsuba.loading.plugins import describe, given_values
+from sarmitsuba.machine.backend import mi
 
 # a direction with its weight; a value with its density
 Sampled = tuple[mi.BSDFSample3f, mi.Color3f]

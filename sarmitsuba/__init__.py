@@ -10,10 +10,16 @@ from sarmitsuba.version import __version__
 
 if TYPE_CHECKING:
     from sarmitsuba.analysis.interferometry import height_map, interferogram
+    from sarmitsuba.analysis.labels import labels
+    from sarmitsuba.analysis.link import LinkBudget, link_budget
     from sarmitsuba.analysis.polarimetry import cloude_pottier, pauli_rgb, polarimetry_report
     from sarmitsuba.analysis.quality import error_budget, image_quality, spectral_looks
-    from sarmitsuba.echo.raw_data import RawData
-    from sarmitsuba.errors import (
+    from sarmitsuba.apps.fit.fit import Fit, fit
+    from sarmitsuba.apps.fit.jacobian import Jacobian, jacobian
+    from sarmitsuba.apps.fit.least_squares import Prior
+    from sarmitsuba.apps.fit.losses import MultilookDifference, SquaredDifference
+    from sarmitsuba.apps.fit.reverse import Gradient, Objective, gradient
+    from sarmitsuba.core.errors import (
         BackendError,
         ClusterError,
         DataError,
@@ -25,106 +31,100 @@ if TYPE_CHECKING:
         SarmitsubaWarning,
         SceneError,
     )
-    from sarmitsuba.focusing import focus
-    from sarmitsuba.focusing.operator import FocusingOperator, focusing_operator
-    from sarmitsuba.gradients.fit import Fit, fit
-    from sarmitsuba.gradients.jacobian import Jacobian, jacobian
-    from sarmitsuba.gradients.least_squares import Prior
-    from sarmitsuba.gradients.losses import MultilookDifference, SquaredDifference
-    from sarmitsuba.gradients.reverse import Gradient, Objective, gradient
-    from sarmitsuba.image.labels import Labels
-    from sarmitsuba.image.sar_image import ImageGrid, SarImage
-    from sarmitsuba.io import read_image, read_raw, write_image, write_raw
-    from sarmitsuba.labelling import labels
-    from sarmitsuba.link import LinkBudget, link_budget
-    from sarmitsuba.loader.build import SceneMesh, SceneVolume, build_scene
-    from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.loader.plugins import register_plugins
-    from sarmitsuba.materials.material import Material
+    from sarmitsuba.core.registry import load_extension
+    from sarmitsuba.files import read_image, read_raw, write_image, write_raw
+    from sarmitsuba.loading.build import SceneMesh, SceneVolume, build_scene
+    from sarmitsuba.loading.load import load_scene
+    from sarmitsuba.loading.plugins import register_plugins
     from sarmitsuba.radar.description import RadarDescription
     from sarmitsuba.radar.film import FilmDescription
     from sarmitsuba.radar.geodesy import Anchor
     from sarmitsuba.radar.image_request import ImageRequest
     from sarmitsuba.radar.track import Track
-    from sarmitsuba.registry import load_extension
     from sarmitsuba.scene.geometry import PointTarget
+    from sarmitsuba.scene.materials.material import Material
     from sarmitsuba.scene.motion import Motion
     from sarmitsuba.scene.scene import Scene
     from sarmitsuba.scene.settings import TraceSettings
     from sarmitsuba.scene.wires import WireTarget
-    from sarmitsuba.simulation.path_table import PathTable, trace_paths
-    from sarmitsuba.simulation.prediction.explanation import explain
-    from sarmitsuba.simulation.rcs import monostatic_rcs
-    from sarmitsuba.simulation.refinement.passes import refine
-    from sarmitsuba.simulation.render import render, simulate
+    from sarmitsuba.signal.focusing import focus
+    from sarmitsuba.signal.focusing.operator import FocusingOperator, focusing_operator
+    from sarmitsuba.signal.image.labels import Labels
+    from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+    from sarmitsuba.signal.raw.raw_data import RawData
+    from sarmitsuba.simulation.execution.path_table import PathTable, trace_paths
+    from sarmitsuba.simulation.execution.rcs import monostatic_rcs
+    from sarmitsuba.simulation.execution.refinement.passes import refine
+    from sarmitsuba.simulation.execution.render import render, simulate
+    from sarmitsuba.simulation.planning.prediction.explanation import explain
 
 _HOME = {
     "Anchor": "sarmitsuba.radar.geodesy",
-    "BackendError": "sarmitsuba.errors",
-    "ClusterError": "sarmitsuba.errors",
-    "DataError": "sarmitsuba.errors",
-    "ExtensionError": "sarmitsuba.errors",
+    "BackendError": "sarmitsuba.core.errors",
+    "ClusterError": "sarmitsuba.core.errors",
+    "DataError": "sarmitsuba.core.errors",
+    "ExtensionError": "sarmitsuba.core.errors",
     "FilmDescription": "sarmitsuba.radar.film",
-    "Fit": "sarmitsuba.gradients.fit",
-    "Gradient": "sarmitsuba.gradients.reverse",
-    "ImageGrid": "sarmitsuba.image.sar_image",
+    "Fit": "sarmitsuba.apps.fit.fit",
+    "Gradient": "sarmitsuba.apps.fit.reverse",
+    "ImageGrid": "sarmitsuba.signal.image.sar_image",
     "ImageRequest": "sarmitsuba.radar.image_request",
-    "Jacobian": "sarmitsuba.gradients.jacobian",
-    "Labels": "sarmitsuba.image.labels",
-    "LinkBudget": "sarmitsuba.link",
-    "Material": "sarmitsuba.materials.material",
+    "Jacobian": "sarmitsuba.apps.fit.jacobian",
+    "Labels": "sarmitsuba.signal.image.labels",
+    "LinkBudget": "sarmitsuba.analysis.link",
+    "Material": "sarmitsuba.scene.materials.material",
     "Motion": "sarmitsuba.scene.motion",
-    "MultilookDifference": "sarmitsuba.gradients.losses",
-    "Objective": "sarmitsuba.gradients.reverse",
-    "OutputError": "sarmitsuba.errors",
-    "PathTable": "sarmitsuba.simulation.path_table",
-    "Prior": "sarmitsuba.gradients.least_squares",
+    "MultilookDifference": "sarmitsuba.apps.fit.losses",
+    "Objective": "sarmitsuba.apps.fit.reverse",
+    "OutputError": "sarmitsuba.core.errors",
+    "PathTable": "sarmitsuba.simulation.execution.path_table",
+    "Prior": "sarmitsuba.apps.fit.least_squares",
     "WireTarget": "sarmitsuba.scene.wires",
     "PointTarget": "sarmitsuba.scene.geometry",
     "RadarDescription": "sarmitsuba.radar.description",
-    "RadarError": "sarmitsuba.errors",
-    "RawData": "sarmitsuba.echo.raw_data",
-    "ResourceError": "sarmitsuba.errors",
-    "SarImage": "sarmitsuba.image.sar_image",
-    "SarmitsubaError": "sarmitsuba.errors",
-    "SarmitsubaWarning": "sarmitsuba.errors",
+    "RadarError": "sarmitsuba.core.errors",
+    "RawData": "sarmitsuba.signal.raw.raw_data",
+    "ResourceError": "sarmitsuba.core.errors",
+    "SarImage": "sarmitsuba.signal.image.sar_image",
+    "SarmitsubaError": "sarmitsuba.core.errors",
+    "SarmitsubaWarning": "sarmitsuba.core.errors",
     "Scene": "sarmitsuba.scene.scene",
-    "SceneError": "sarmitsuba.errors",
-    "SceneMesh": "sarmitsuba.loader.build",
-    "SceneVolume": "sarmitsuba.loader.build",
-    "SquaredDifference": "sarmitsuba.gradients.losses",
+    "SceneError": "sarmitsuba.core.errors",
+    "SceneMesh": "sarmitsuba.loading.build",
+    "SceneVolume": "sarmitsuba.loading.build",
+    "SquaredDifference": "sarmitsuba.apps.fit.losses",
     "TraceSettings": "sarmitsuba.scene.settings",
     "Track": "sarmitsuba.radar.track",
-    "build_scene": "sarmitsuba.loader.build",
+    "build_scene": "sarmitsuba.loading.build",
     "cloude_pottier": "sarmitsuba.analysis.polarimetry",
     "error_budget": "sarmitsuba.analysis.quality",
-    "explain": "sarmitsuba.simulation.prediction.explanation",
-    "FocusingOperator": "sarmitsuba.focusing.operator",
-    "fit": "sarmitsuba.gradients.fit",
-    "focus": "sarmitsuba.focusing",
-    "focusing_operator": "sarmitsuba.focusing.operator",
-    "gradient": "sarmitsuba.gradients.reverse",
+    "explain": "sarmitsuba.simulation.planning.prediction.explanation",
+    "FocusingOperator": "sarmitsuba.signal.focusing.operator",
+    "fit": "sarmitsuba.apps.fit.fit",
+    "focus": "sarmitsuba.signal.focusing",
+    "focusing_operator": "sarmitsuba.signal.focusing.operator",
+    "gradient": "sarmitsuba.apps.fit.reverse",
     "height_map": "sarmitsuba.analysis.interferometry",
     "image_quality": "sarmitsuba.analysis.quality",
     "interferogram": "sarmitsuba.analysis.interferometry",
-    "jacobian": "sarmitsuba.gradients.jacobian",
-    "labels": "sarmitsuba.labelling",
-    "link_budget": "sarmitsuba.link",
-    "load_extension": "sarmitsuba.registry",
-    "load_scene": "sarmitsuba.loader.load",
-    "monostatic_rcs": "sarmitsuba.simulation.rcs",
+    "jacobian": "sarmitsuba.apps.fit.jacobian",
+    "labels": "sarmitsuba.analysis.labels",
+    "link_budget": "sarmitsuba.analysis.link",
+    "load_extension": "sarmitsuba.core.registry",
+    "load_scene": "sarmitsuba.loading.load",
+    "monostatic_rcs": "sarmitsuba.simulation.execution.rcs",
     "pauli_rgb": "sarmitsuba.analysis.polarimetry",
     "polarimetry_report": "sarmitsuba.analysis.polarimetry",
-    "read_image": "sarmitsuba.io",
-    "read_raw": "sarmitsuba.io",
-    "refine": "sarmitsuba.simulation.refinement.passes",
-    "register_plugins": "sarmitsuba.loader.plugins",
-    "render": "sarmitsuba.simulation.render",
-    "simulate": "sarmitsuba.simulation.render",
+    "read_image": "sarmitsuba.files",
+    "read_raw": "sarmitsuba.files",
+    "refine": "sarmitsuba.simulation.execution.refinement.passes",
+    "register_plugins": "sarmitsuba.loading.plugins",
+    "render": "sarmitsuba.simulation.execution.render",
+    "simulate": "sarmitsuba.simulation.execution.render",
     "spectral_looks": "sarmitsuba.analysis.quality",
-    "trace_paths": "sarmitsuba.simulation.path_table",
-    "write_image": "sarmitsuba.io",
-    "write_raw": "sarmitsuba.io",
+    "trace_paths": "sarmitsuba.simulation.execution.path_table",
+    "write_image": "sarmitsuba.files",
+    "write_raw": "sarmitsuba.files",
 }
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from types import FrameType
 
-from sarmitsuba.unfinished import remove_shared, remove_unfinished, share_unfinished
+from sarmitsuba.machine.unfinished import remove_shared, remove_unfinished, share_unfinished
 
 # new objects after which Python looks for unreachable cycles: the usual 700 takes 5 % of a short run, most of it by
 # going through the libraries' modules again and again

@@ -13,11 +13,11 @@ from typing import NoReturn
 from sarmitsuba import __version__
 from sarmitsuba.commands import COMMANDS
 from sarmitsuba.commands.console import Console
-from sarmitsuba.errors import SarmitsubaError
-from sarmitsuba.memory import check_limits
-from sarmitsuba.parameters import one_line
-from sarmitsuba.registry import load_extension
-from sarmitsuba.regular_files import check_text
+from sarmitsuba.core.errors import SarmitsubaError
+from sarmitsuba.core.parameters import one_line
+from sarmitsuba.core.registry import load_extension
+from sarmitsuba.machine.memory import check_limits
+from sarmitsuba.machine.regular_files import check_text
 
 EXIT_OK, EXIT_USER, EXIT_INTERRUPTED = 0, 2, 130
 
@@ -97,7 +97,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (
         OSError
     ) as error:  # errors of the operating system on a path: name too long, no permission, failing disk
-        from sarmitsuba.io.atomic import reason_of
+        from sarmitsuba.machine.atomic import reason_of
 
         where = "" if error.filename is None else f"{one_line(error.filename, 200)}: "
         console.complain(f"{where}{reason_of(error)}")

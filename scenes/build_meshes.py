@@ -20,10 +20,10 @@ from solids import box, check_closed, merged
 from targets import targets
 from urban_block import urban_block
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.mesh.cleaning import clean_mesh
-from sarmitsuba.mesh.ply import write_ply
-from sarmitsuba.mesh.tessellate import sphere
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.scene.mesh.cleaning import clean_mesh
+from sarmitsuba.scene.mesh.ply import write_ply
+from sarmitsuba.scene.mesh.tessellate import sphere
 
 MESHES = Path(__file__).parent / "meshes"
 MAPS = Path(__file__).parent / "maps"

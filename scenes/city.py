@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from sarmitsuba.arrays import F64, I32
-from sarmitsuba.errors import SceneError
-from sarmitsuba.mesh.tessellate import cube
+from sarmitsuba.core.arrays import F64, I32
+from sarmitsuba.core.errors import SceneError
+from sarmitsuba.scene.mesh.tessellate import cube
 
 
 def city_mesh(

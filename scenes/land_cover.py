@@ -4,7 +4,7 @@ import numpy as np
 import trimesh
 from solids import check_closed, merged, prism, turned
 
-from sarmitsuba.arrays import F64, U8
+from sarmitsuba.core.arrays import F64, U8
 
 # half the edge of the map and the edge of a pixel, m; how far fields and road are turned from east, deg
 HALF, PIXEL, TURN = 80.0, 0.5, 14.0

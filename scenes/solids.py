@@ -11,7 +11,7 @@ import shapely
 import trimesh
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import F64
+from sarmitsuba.core.arrays import F64
 
 Span = tuple[float, float]
 Cut = tuple[str, Span, Span, Span]

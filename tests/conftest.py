@@ -9,7 +9,7 @@ from types import ModuleType
 import matplotlib
 import pytest
 
-from sarmitsuba.backend import prepare_llvm
+from sarmitsuba.machine.backend import prepare_llvm
 
 matplotlib.use("Agg")
 

@@ -55,7 +55,7 @@ socket.socket = Blocked
 '''
 IN_SITE = """
 import pathlib, sysconfig, sarmitsuba
-from sarmitsuba.loader.library import scenes_dir
+from sarmitsuba.loading.library import scenes_dir
 site = pathlib.Path(sysconfig.get_path("purelib")).resolve()
 for place in (pathlib.Path(sarmitsuba.__file__).resolve(), scenes_dir().resolve()):
     assert place.is_relative_to(site), place

@@ -10,15 +10,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.aperture_weights import matched_weights
-from sarmitsuba.focusing.cells import azimuth_cells
-from sarmitsuba.focusing.ideal import ideal_radar
-from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.focusing.aperture_weights import matched_weights
+from sarmitsuba.signal.focusing.cells import azimuth_cells
+from sarmitsuba.signal.focusing.ideal import ideal_radar
+from sarmitsuba.signal.image.sar_image import ImageGrid
 
 ROUNDS = 3
 # sine of half of a pixel's aperture, two-way width of the beam, and share of the track that the image covers, so that

@@ -15,10 +15,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.backend import ensure_backend
-from sarmitsuba.datasets.distributions import Fixed
-from sarmitsuba.datasets.draw import Drawer
-from sarmitsuba.datasets.sample import make_sample
+from sarmitsuba.apps.datasets.distributions import Fixed
+from sarmitsuba.apps.datasets.draw import Drawer
+from sarmitsuba.apps.datasets.sample import make_sample
+from sarmitsuba.machine.backend import ensure_backend
 
 
 def drawer_of(name: str, spacing: float, every: int) -> Drawer:

@@ -129,7 +129,7 @@ def black_share(picture: np.ndarray) -> float:
 
 def shown(out: Path) -> np.ndarray:
     """Grey values, 0 to 1, that the quick-look of an output folder shows."""
-    from sarmitsuba.io import read_image
+    from sarmitsuba.files import read_image
     from sarmitsuba.view.display import PictureOptions, prepare
 
     display = prepare(read_image(out / "image.h5"), PictureOptions(), 1600)

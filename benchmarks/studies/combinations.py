@@ -49,12 +49,9 @@ from combinations_reference import (
 from drawn_beams import gaussian_table
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import C128, F64
-from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.errors import SarmitsubaError, SarmitsubaWarning
-from sarmitsuba.focusing import focus
-from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.loader.build import build_scene
+from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.errors import SarmitsubaError, SarmitsubaWarning
+from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.mode import MODES
@@ -64,7 +61,10 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import METHODS
-from sarmitsuba.simulation.render import render, simulate
+from sarmitsuba.signal.focusing import focus
+from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.simulation.execution.render import render, simulate
 
 T = TypeVar("T")
 

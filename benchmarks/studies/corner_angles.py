@@ -15,13 +15,13 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import hankel2
 
-from sarmitsuba import theory
-from sarmitsuba.arrays import C128, F64, I64
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.trace.edges import FringeCurrents, edges_of
-from sarmitsuba.trace.source import PointSource
-from sarmitsuba.validation import targets
+from sarmitsuba.core.arrays import C128, F64, I64
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.simulation.execution.rcs import monostatic_rcs
+from sarmitsuba.tracing.kernel.source import PointSource
+from sarmitsuba.tracing.scatterers.edges.diffraction import FringeCurrents, edges_of
+from sarmitsuba.truth import theory
+from sarmitsuba.truth.validation import targets
 
 # lengths are in wavelengths
 WAVELENGTH = 1.0

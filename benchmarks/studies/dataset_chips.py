@@ -23,9 +23,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.backend import dr, ensure_backend
-from sarmitsuba.datasets.draw import Drawer
-from sarmitsuba.datasets.sample import Sample, make_sample
+from sarmitsuba.apps.datasets.draw import Drawer
+from sarmitsuba.apps.datasets.sample import Sample, make_sample
+from sarmitsuba.machine.backend import dr, ensure_backend
 
 RECIPE = """
 [dataset]

@@ -42,14 +42,14 @@ from sarmitsuba import (
     TraceSettings,
     build_scene,
 )
-from sarmitsuba.errors import SarmitsubaError
-from sarmitsuba.gradients.forward_model import ForwardModel
-from sarmitsuba.gradients.parsing import parse
-from sarmitsuba.loader.build import SceneVolume
-from sarmitsuba.materials.material import SurfaceMaps
-from sarmitsuba.materials.texture import Bitmap, in_plan
+from sarmitsuba.apps.fit.forward_model import ForwardModel
+from sarmitsuba.apps.fit.parsing import parse
+from sarmitsuba.core.errors import SarmitsubaError
+from sarmitsuba.loading.build import SceneVolume
 from sarmitsuba.radar.mode import MODES
 from sarmitsuba.radar.pattern import PATTERNS
+from sarmitsuba.scene.materials.material import SurfaceMaps
+from sarmitsuba.scene.materials.texture import Bitmap, in_plan
 from sarmitsuba.scene.motion import STILL
 from sarmitsuba.scene.settings import METHODS
 from sarmitsuba.scene.wires import WireTarget

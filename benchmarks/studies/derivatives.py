@@ -21,8 +21,8 @@ from collections.abc import Sequence
 import _support
 import numpy as np
 
-from sarmitsuba.gradients.forward_model import ForwardModel
-from sarmitsuba.gradients.parsing import parse
+from sarmitsuba.apps.fit.forward_model import ForwardModel
+from sarmitsuba.apps.fit.parsing import parse
 from tests.support.differences import EXACT, Compared, compared_all, drawn
 
 _ = _support

@@ -16,17 +16,22 @@ import stored
 from corrections import block_of
 from effects import load
 
-from sarmitsuba.backend import ensure_backend
-from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.pulses import AntennaStates
-from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.sources.kind import SOURCES
-from sarmitsuba.simulation.sources.pair_estimate import PILOT_POINTS, estimate_pairs, pair_level, pilot_cell
-from sarmitsuba.simulation.sources.site import RunSite
-from sarmitsuba.timing import StageTimer
-from sarmitsuba.trace.accumulators import BlockAccumulator
-from sarmitsuba.trace.diffuse_pairs import PairSource
-from sarmitsuba.units import db_from_power
+from sarmitsuba.core.timing import StageTimer
+from sarmitsuba.core.units import db_from_power
+from sarmitsuba.machine.backend import ensure_backend
+from sarmitsuba.simulation.execution.pulses import AntennaStates
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.planning.pilot import plan_scene
+from sarmitsuba.simulation.planning.sources.kind import SOURCES
+from sarmitsuba.simulation.planning.sources.pair_estimate import (
+    PILOT_POINTS,
+    estimate_pairs,
+    pair_level,
+    pilot_cell,
+)
+from sarmitsuba.simulation.planning.sources.site import RunSite
+from sarmitsuba.tracing.kernel.accumulators import BlockAccumulator
+from sarmitsuba.tracing.scatterers.pairs.diffuse_pairs import PairSource
 
 SCENES = ("courtyard", "urban_block", "buildings16", "tower", "bridge")
 ROUNDS = 5

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 
 from sarmitsuba import SarmitsubaWarning, Scene, load_scene, simulate
-from sarmitsuba.arrays import C64
-from sarmitsuba.loader.library import resolve_radar
-from sarmitsuba.simulation.sampling import density_plan
-from sarmitsuba.simulation.tracing import Tracer
-from sarmitsuba.trace.edges import FringeCurrents
-from sarmitsuba.trace.source import PointSource
+from sarmitsuba.core.arrays import C64
+from sarmitsuba.loading.library import resolve_radar
+from sarmitsuba.simulation.execution.tracing import Tracer
+from sarmitsuba.simulation.planning.sampling import density_plan
+from sarmitsuba.tracing.kernel.source import PointSource
+from sarmitsuba.tracing.scatterers.edges.diffraction import FringeCurrents
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
 

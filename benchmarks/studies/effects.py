@@ -29,24 +29,24 @@ import stored
 from corrections import block_of, correction_lines, correction_table, one_batch
 from effect_pairs import pair_lines, pair_table
 
-from sarmitsuba.backend import ensure_backend
-from sarmitsuba.echo.block import BlockPlan
+from sarmitsuba.core.timing import StageTimer
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan
-from sarmitsuba.loader.library import list_scenes, resolve, resolve_radar
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.memory import peak_memory
+from sarmitsuba.loading.library import list_scenes, resolve, resolve_radar
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.machine.backend import ensure_backend
+from sarmitsuba.machine.memory import peak_memory
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TOLERANCE_DB
-from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.prediction.prediction import predict
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
-from sarmitsuba.simulation.tracing import Tracer
-from sarmitsuba.timing import StageTimer
-from sarmitsuba.trace.launch import lattice
-from sarmitsuba.trace.scene_tables import build_trace_scene
+from sarmitsuba.signal.raw.block import BlockPlan
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.simulation.execution.tracing import Tracer
+from sarmitsuba.simulation.planning.pilot import plan_scene
+from sarmitsuba.simulation.planning.prediction.prediction import predict
+from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
+from sarmitsuba.tracing.kernel.launch import lattice
+from sarmitsuba.tracing.kernel.scene_tables import build_trace_scene
 from tests.support.unweighted import focus
 
 DEPTH = 8  # "everything on": where the pilot stops looking, too

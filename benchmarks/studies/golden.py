@@ -163,7 +163,7 @@ def cases() -> dict[str, Callable[[Path], Iterator[tuple[str, bytes]]]]:
 def record(output: Path, only: list[str]) -> None:
     """Run the cases with the package that this interpreter imports."""
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    from sarmitsuba.backend import ensure_backend
+    from sarmitsuba.machine.backend import ensure_backend
 
     ensure_backend()
     import drjit as dr

@@ -103,8 +103,8 @@ class Watch:
 def allowed(folder: Path) -> tuple[str, ...]:
     """Starts of the paths that a case may open: its own folder, the program, the interpreter, the system's devices."""
     import sarmitsuba
-    from sarmitsuba.loader.library import scenes_dir
-    from sarmitsuba.loader.plugins import plugins_dir
+    from sarmitsuba.loading.library import scenes_dir
+    from sarmitsuba.loading.plugins import plugins_dir
 
     own = (
         folder,
@@ -131,7 +131,7 @@ def allowed(folder: Path) -> tuple[str, ...]:
 
 def read_one(kind: Kind, path: Path) -> tuple[str, str]:
     """Outcome of reading a file, and what was said."""
-    from sarmitsuba.errors import SarmitsubaError
+    from sarmitsuba.core.errors import SarmitsubaError
 
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     try:

@@ -36,7 +36,7 @@ INSIDE = {
 }
 # a file that is being written meanwhile, and a sum in which Python itself answers nothing
 INSIDE["python"] = (
-    "from pathlib import Path\nfrom sarmitsuba.io.atomic import atomic_path\n"
+    "from pathlib import Path\nfrom sarmitsuba.machine.atomic import atomic_path\n"
     "with atomic_path(Path('file.txt')) as path:\n path.touch()\n {ready}\n sum(range(10**15))"
 )
 READY = "print('ready', flush=True)"

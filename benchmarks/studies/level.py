@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
+from sarmitsuba.core.arrays import F64
 
 SIGMA0_DB = -10.0
 BANDS = 8
@@ -44,7 +44,7 @@ class Setup:
     n_pulses: int = 0
 
     def scene(self, seed: int = 0, method: str = "hybrid"):  # type: ignore[no-untyped-def]
-        from sarmitsuba.loader.build import SceneMesh, build_scene
+        from sarmitsuba.loading.build import SceneMesh, build_scene
         from sarmitsuba.radar.description import RadarDescription
         from sarmitsuba.radar.film import FilmDescription
         from sarmitsuba.scene.settings import TraceSettings
@@ -80,9 +80,9 @@ class Setup:
 
 def images(setup: Setup, seed: int, makers: tuple[str, ...] = MAKERS):  # type: ignore[no-untyped-def]
     """Images of one seed by maker."""
-    from sarmitsuba.simulation.image import Imager
-    from sarmitsuba.simulation.render import simulate
-    from sarmitsuba.simulation.run import Run
+    from sarmitsuba.simulation.execution.image import Imager
+    from sarmitsuba.simulation.execution.render import simulate
+    from sarmitsuba.simulation.execution.run import Run
     from tests.support.unweighted import focus
 
     scene = setup.scene(seed)
@@ -125,8 +125,8 @@ def against_raw(setup: Setup) -> float:
     """Error of the hybrid's focused image against the raw one's with the same rays, dB."""
     from dataclasses import replace
 
-    from sarmitsuba.image.metrics import image_error_db
-    from sarmitsuba.simulation.render import simulate
+    from sarmitsuba.signal.image.metrics import image_error_db
+    from sarmitsuba.simulation.execution.render import simulate
     from tests.support.unweighted import focus
 
     hybrid = setup.scene(3)

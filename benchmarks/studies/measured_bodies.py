@@ -12,9 +12,9 @@ import time
 import _support
 import numpy as np
 
-from sarmitsuba.memory import peak_memory
-from sarmitsuba.validation.cases import measured
-from sarmitsuba.validation.measured.azimuth_tables import azimuth_table
+from sarmitsuba.machine.memory import peak_memory
+from sarmitsuba.truth.validation.cases import measured
+from sarmitsuba.truth.validation.measured.azimuth_tables import azimuth_table
 
 
 def main() -> int:

@@ -21,18 +21,18 @@ import _support
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.backend import ensure_backend
-from sarmitsuba.datasets.draw import Drawer
-from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.mesh import metal_corners
+from sarmitsuba.apps.datasets.draw import Drawer
+from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.core.units import db_from_power
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.machine.backend import ensure_backend
+from sarmitsuba.scene.mesh import metal_corners
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.batches import built
-from sarmitsuba.simulation.refinement.error_bars import estimate_pass_error
-from sarmitsuba.simulation.render import render
-from sarmitsuba.simulation.run import Run
-from sarmitsuba.trace import scene_tables
-from sarmitsuba.units import db_from_power
+from sarmitsuba.simulation.execution.batches import built
+from sarmitsuba.simulation.execution.refinement.error_bars import estimate_pass_error
+from sarmitsuba.simulation.execution.render import render
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.tracing.kernel import scene_tables
 from tests.support.corners import drawn_corners
 
 SAMPLES = (250, 400, 850)

@@ -20,7 +20,7 @@ import harness
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import F64, I64
+from sarmitsuba.core.arrays import F64, I64
 
 # rays a metre of level ground that find what is seen: several in every block, and in every window's width of a facade
 RAYS_PER_METRE = 3.0
@@ -58,10 +58,10 @@ def buildings_of(scene: Any) -> tuple[I64, tuple[str, ...]]:
 
 def seen(scene: Any, reach: float) -> tuple[F64, I64]:
     """Points that mid-aperture sees, (n, 3) m, and their faces; on a square of ``reach`` about the image's centre."""
-    from sarmitsuba.backend import ensure_backend, mi
+    from sarmitsuba.machine.backend import ensure_backend, mi
 
     ensure_backend()
-    from sarmitsuba.trace.scene_tables import build_trace_scene
+    from sarmitsuba.tracing.kernel.scene_tables import build_trace_scene
 
     antenna = scene.radar.track.center_position
     traced = build_trace_scene(scene.geometry, scene.materials, scene.radar.waveform.wavelength)
@@ -128,7 +128,7 @@ def _of_blocks(block: I64, z: F64, building: I64, shape: tuple[int, int]) -> tup
 def evaluate(out: Path, radar: str, definitions: dict[str, str], lowest: float) -> dict[str, Any]:
     """Statistics of the errors; writes ``munich_heights.json`` and ``munich_heights.png``."""
     from sarmitsuba.analysis.interferometry import height_map, interferogram
-    from sarmitsuba.io import read_image
+    from sarmitsuba.files import read_image
 
     scene = load(radar, definitions)
     first = read_image(out / "first" / "image.h5")
@@ -182,8 +182,8 @@ def _spread(error: F64) -> dict[str, float]:
 
 def load(radar: str, definitions: dict[str, str]) -> Any:
     """Munich under that radar."""
-    from sarmitsuba.loader.library import resolve_radar
-    from sarmitsuba.loader.load import load_scene
+    from sarmitsuba.loading.library import resolve_radar
+    from sarmitsuba.loading.load import load_scene
 
     path = harness.munich()
     if path is None:

@@ -29,10 +29,10 @@ import scipy
 from munich_materials_drawn import KINDS, SMALL, WHOLE, drawn, parameters_of, started
 
 from sarmitsuba import Fit, Prior, RawData, Scene, fit, simulate
-from sarmitsuba.arrays import F64
-from sarmitsuba.gradients.forward_model import ForwardModel
-from sarmitsuba.gradients.parsing import parse
-from sarmitsuba.memory import peak_memory
+from sarmitsuba.apps.fit.forward_model import ForwardModel
+from sarmitsuba.apps.fit.parsing import parse
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.machine.memory import peak_memory
 from tests.support.fits import noisy
 
 _ = _support

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 
 from sarmitsuba.analysis.interferometry import height_map, interferogram
 from sarmitsuba.analysis.polarimetry import automatic_looks, coherency, pauli_rgb, quad_pol
-from sarmitsuba.io import read_image
+from sarmitsuba.files import read_image
 
 LEAST_COHERENCE = 0.5
 HEIGHTS = (-5.0, 40.0)  # m, ends of the colours

@@ -20,14 +20,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from sarmitsuba import load_scene, render
-from sarmitsuba.arrays import F64
-from sarmitsuba.backend import ensure_backend, mi
-from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.loader.library import resolve_radar
-from sarmitsuba.materials.vegetation.canopy import CANOPIES
-from sarmitsuba.mesh.tessellate import sphere
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.loading.library import resolve_radar
+from sarmitsuba.machine.backend import ensure_backend, mi
+from sarmitsuba.scene.materials.vegetation.canopy import CANOPIES
+from sarmitsuba.scene.mesh.tessellate import sphere
 from sarmitsuba.scene.volumes import Volume
-from sarmitsuba.simulation.batches import built
+from sarmitsuba.simulation.execution.batches import built
 from sarmitsuba.view.quicklook import draw
 
 # facades are perfectly even and stand 60 dB over the clutter

@@ -20,9 +20,9 @@ from pathlib import Path
 import numpy as np
 
 from sarmitsuba import SarmitsubaError, Scene, explain, load_scene, simulate, trace_paths
-from sarmitsuba.arrays import F64, I64
-from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
-from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
+from sarmitsuba.core.arrays import F64, I64
+from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
+from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from tests.support.unweighted import render
 
 Mesh = tuple[F64, I64]

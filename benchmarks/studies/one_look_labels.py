@@ -15,15 +15,15 @@ from dataclasses import replace
 import numpy as np
 
 import sarmitsuba
-from sarmitsuba.arrays import C64, F64
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.labelling.echo_labels import EchoLabels, echo_labels
-from sarmitsuba.loader.build import SceneMesh, build_scene
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.analysis.labels.echo_labels import EchoLabels, echo_labels
+from sarmitsuba.core.arrays import C64, F64
+from sarmitsuba.loading.build import SceneMesh, build_scene
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import Method
+from sarmitsuba.signal.focusing import default_grid
 
 BLOCK = 5
 

@@ -15,10 +15,10 @@ from unittest.mock import patch
 
 import numpy as np
 
-from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.validation.cases import CASES
-from sarmitsuba.validation.run_cases import run_case
+from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.machine.backend import dr, ensure_backend, mi
+from sarmitsuba.truth.validation.cases import CASES
+from sarmitsuba.truth.validation.run_cases import run_case
 
 
 @contextmanager
@@ -29,7 +29,7 @@ def _replaced(owner: Any, name: str, make: Callable[[Any], Any]) -> Iterator[Non
 
 
 def dropped_factor_two() -> AbstractContextManager[None]:
-    from sarmitsuba.trace import field
+    from sarmitsuba.tracing.kernel import field
 
     # half of the 2 n x H of physical optics
     return _replaced(
@@ -48,15 +48,15 @@ def one_way_phase() -> AbstractContextManager[None]:
 
 def _phase_factors(make: Callable[[Any], Any]) -> AbstractContextManager[None]:
     """Replace the phase of a path in every module that forms it."""
-    from sarmitsuba.simulation import pilot_patches
-    from sarmitsuba.trace import accumulators
+    from sarmitsuba.simulation.planning import pilot_patches
+    from sarmitsuba.tracing.kernel import accumulators
 
     return _all(*(_replaced(module, "phase_factor", make) for module in (accumulators, pilot_patches)))
 
 
 def float32_phase() -> AbstractContextManager[None]:
-    from sarmitsuba.trace import accumulators
-    from sarmitsuba.trace.look_accumulator import ImageAccumulator
+    from sarmitsuba.tracing.kernel import accumulators
+    from sarmitsuba.tracing.kernel.look_accumulator import ImageAccumulator
 
     # lengths to the antenna, not differences, in single precision
     def make(f: Any) -> Any:
@@ -75,7 +75,7 @@ def _single(x: Any) -> Any:
 
 
 def wrong_reciprocity() -> AbstractContextManager[None]:
-    from sarmitsuba.trace.scattering_matrix import ScatteringMatrix
+    from sarmitsuba.tracing.kernel.scattering_matrix import ScatteringMatrix
 
     # of every two calls the second asks for the reversed path: it returns nothing
     def make(f: Any) -> Any:
@@ -104,7 +104,7 @@ def wrong_reciprocity() -> AbstractContextManager[None]:
 
 
 def missing_cosine() -> AbstractContextManager[None]:
-    from sarmitsuba.trace import kernel
+    from sarmitsuba.tracing.kernel import kernel
 
     # dS = dOmega L^2 instead of dOmega L^2 / cos
     def make(f: Any) -> Any:
@@ -118,7 +118,7 @@ def missing_cosine() -> AbstractContextManager[None]:
 
 
 def no_tube_phase() -> AbstractContextManager[None]:
-    from sarmitsuba.trace.tubes import polygon
+    from sarmitsuba.tracing.kernel.tubes import polygon
 
     return _replaced(
         polygon,
@@ -134,13 +134,13 @@ def no_tube_phase() -> AbstractContextManager[None]:
 
 
 def swapped_fresnel() -> AbstractContextManager[None]:
-    from sarmitsuba.trace import field
+    from sarmitsuba.tracing.kernel import field
 
     return _replaced(field, "fresnel", lambda f: lambda *a: tuple(reversed(f(*a))))
 
 
 def wrong_reflection_sign() -> AbstractContextManager[None]:
-    from sarmitsuba.trace import field
+    from sarmitsuba.tracing.kernel import field
 
     # E -> -E, the part along the normal turned round with the rest: the dihedral loses its HH - VV phase
     def make(f: Any) -> Any:
@@ -150,9 +150,9 @@ def wrong_reflection_sign() -> AbstractContextManager[None]:
 
 
 def lambert_without_cosine() -> AbstractContextManager[None]:
-    from sarmitsuba.materials import diffuse
-    from sarmitsuba.materials.laws.constant_gamma import ConstantGamma
-    from sarmitsuba.materials.laws.lambert import Lambert
+    from sarmitsuba.scene.materials import diffuse
+    from sarmitsuba.scene.materials.laws.constant_gamma import ConstantGamma
+    from sarmitsuba.scene.materials.laws.lambert import Lambert
 
     # tables that unharmed cases have cached would hide it
     return _all(

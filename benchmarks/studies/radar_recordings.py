@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 
 from sarmitsuba.analysis.quality.areas import contrast, entropy
-from sarmitsuba.echo.doppler_estimate import estimate_doppler
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import apply_autofocus_records, default_grid, range_compress
-from sarmitsuba.focusing.autofocus import AUTOFOCUSERS, AutofocusTask, correct_ranges, without_trend
-from sarmitsuba.focusing.focuser import parse_focuser
-from sarmitsuba.focusing.windows import parse_window
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.io import read_raw
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.files import read_raw
+from sarmitsuba.signal.focusing import apply_autofocus_records, default_grid, range_compress
+from sarmitsuba.signal.focusing.autofocus import AUTOFOCUSERS, AutofocusTask, correct_ranges, without_trend
+from sarmitsuba.signal.focusing.focuser import parse_focuser
+from sarmitsuba.signal.focusing.windows import parse_window
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.raw.doppler_estimate import estimate_doppler
 from tests.support.unweighted import focus
 
 METHODS = ("phase_gradient",)

@@ -32,7 +32,7 @@ import random_reference as reference
 import random_scenes as scenes
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import C128
+from sarmitsuba.core.arrays import C128
 from tests.support.unweighted import focus
 
 if TYPE_CHECKING:

@@ -26,12 +26,12 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from sarmitsuba import Scene, SquaredDifference
-from sarmitsuba.arrays import F64
-from sarmitsuba.gradients.forward_model import ForwardModel
-from sarmitsuba.gradients.material_parameters import LevelMap
-from sarmitsuba.gradients.parsing import parse
-from sarmitsuba.gradients.reverse import Objective, transposed
-from sarmitsuba.memory import peak_memory
+from sarmitsuba.apps.fit.forward_model import ForwardModel
+from sarmitsuba.apps.fit.material_parameters import LevelMap
+from sarmitsuba.apps.fit.parsing import parse
+from sarmitsuba.apps.fit.reverse import Objective, transposed
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.machine.memory import peak_memory
 from tests.support.fits import noisy
 from tests.support.many_bodies import adjoint_of, city, products
 

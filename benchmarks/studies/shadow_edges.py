@@ -13,10 +13,10 @@ import _support
 import numpy as np
 from random_reference import polygon_optics
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.materials.material import Material
+from sarmitsuba.core.arrays import F64
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.simulation.rcs import monostatic_rcs
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.simulation.execution.rcs import monostatic_rcs
 
 SPEED_OF_LIGHT = 299_792_458.0
 

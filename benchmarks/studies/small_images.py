@@ -61,11 +61,11 @@ CAR = """<scene version="3.0.0">
 
 def measure(name: str, images: int) -> None:
     """Print one row."""
-    from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.trace.source import Launch
+    from sarmitsuba.loading.load import load_scene
+    from sarmitsuba.tracing.kernel.source import Launch
     from tests.support.unweighted import render
 
-    run = importlib.import_module("sarmitsuba.simulation.run")
+    run = importlib.import_module("sarmitsuba.simulation.execution.run")
     usual, record = run.ONE_THREAD, Launch.record
     taken: dict[str, list[float]] = {"one thread": [], "pool": []}
     recorded: list[float] = []

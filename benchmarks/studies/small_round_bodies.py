@@ -21,15 +21,15 @@ import _support
 import numpy as np
 import trimesh
 
-from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.loader.build import SceneMesh, build_scene
-from sarmitsuba.mesh import pieces
+from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
-from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
-from sarmitsuba.simulation.turntable_image import turntable_scene
-from sarmitsuba.theory import sphere_mie
-from sarmitsuba.validation import targets
-from sarmitsuba.validation.measured import bodies
+from sarmitsuba.scene.mesh import pieces
+from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
+from sarmitsuba.simulation.execution.turntable_image import turntable_scene
+from sarmitsuba.truth.theory import sphere_mie
+from sarmitsuba.truth.validation import targets
+from sarmitsuba.truth.validation.measured import bodies
 from tests.support.unweighted import render
 
 FREQUENCY = 7e9

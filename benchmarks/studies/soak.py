@@ -20,7 +20,7 @@ import _support
 import numpy as np
 
 import sarmitsuba
-from sarmitsuba.memory import held_memory
+from sarmitsuba.machine.memory import held_memory
 
 SEED = 9
 MOST_GROWTH = 0.02  # of the memory after the first third

@@ -17,17 +17,17 @@ from dataclasses import replace
 import numpy as np
 
 import sarmitsuba
-from sarmitsuba.arrays import C64, F32, F64
-from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.focusing import FOCUSERS
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focusing.operator import FocusingOperator, focusing_operator
-from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.loader.build import build_scene
+from sarmitsuba.core.arrays import C64, F32, F64
+from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.signal.focusing import FOCUSERS
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.focusing.operator import FocusingOperator, focusing_operator
+from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.raw.raw_data import Layer, RawData
 
 # m: resolution, and side of the image
 CELL, SIZE = 0.5, 20.0

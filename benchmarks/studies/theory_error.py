@@ -23,12 +23,12 @@ import drawn_assemblies
 import drawn_bodies
 import numpy as np
 
-from sarmitsuba import theory
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.loader.build import SceneMesh, build_scene
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
-from sarmitsuba.simulation.turntable import Aspects, RcsSweep, rcs_sweep
+from sarmitsuba.simulation.execution.turntable import Aspects, RcsSweep, rcs_sweep
+from sarmitsuba.truth import theory
 
 SETS = {"bodies": drawn_bodies, "assemblies": drawn_assemblies}
 CHANNELS = ("HH", "VV")

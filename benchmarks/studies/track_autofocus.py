@@ -31,15 +31,15 @@ import numpy as np
 
 from sarmitsuba import fit
 from sarmitsuba.analysis.quality.areas import contrast, entropy
-from sarmitsuba.arrays import F64
-from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.focusing import AUTOFOCUSERS, default_grid
-from sarmitsuba.focusing.autofocus import AutofocusTask, correct_ranges
-from sarmitsuba.focusing.focuser import parse_focuser
-from sarmitsuba.focusing.windows import parse_window
-from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.io import read_raw
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.files import read_raw
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.signal.focusing import AUTOFOCUSERS, default_grid
+from sarmitsuba.signal.focusing.autofocus import AutofocusTask, correct_ranges
+from sarmitsuba.signal.focusing.focuser import parse_focuser
+from sarmitsuba.signal.focusing.windows import parse_window
+from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.raw.raw_data import RawData
 from tests.support.fits import fields
 from tests.support.recorded_tracks import fitted_to_targets, read_targets
 from tests.support.tracks import TrackCase, targets, track_case, track_offsets

@@ -19,15 +19,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.backend import dr, mi
-from sarmitsuba.loader.library import resolve, resolve_radar
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.simulation.pulses import KeyPulse
-from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.tracing import Tracer
-from sarmitsuba.trace.launch import LaunchGrid
-from sarmitsuba.trace.propagation import arrive, launch, next_facet
-from sarmitsuba.trace.state import NO_HIT, Contribution, Hit, Kernel, RayState
+from sarmitsuba.loading.library import resolve, resolve_radar
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.machine.backend import dr, mi
+from sarmitsuba.simulation.execution.pulses import KeyPulse
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.execution.tracing import Tracer
+from sarmitsuba.tracing.kernel.launch import LaunchGrid
+from sarmitsuba.tracing.kernel.propagation import arrive, launch, next_facet
+from sarmitsuba.tracing.kernel.state import NO_HIT, Contribution, Hit, Kernel, RayState
 
 # bounces whose planes are compared
 DEPTH = 6

@@ -26,13 +26,13 @@ from sarmitsuba import (
     build_scene,
     load_scene,
     render,
-    theory,
 )
-from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.materials.vegetation.canopy import CANOPIES
-from sarmitsuba.mesh.tessellate import sphere
-from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
-from sarmitsuba.trace.volume_scatterers import volume_scatterers
+from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.scene.materials.vegetation.canopy import CANOPIES
+from sarmitsuba.scene.mesh.tessellate import sphere
+from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
+from sarmitsuba.tracing.scatterers.volumes.volume_scatterers import volume_scatterers
+from sarmitsuba.truth import theory
 from sarmitsuba.view.quicklook import draw
 
 SCENES = ("forest", "street_trees")

@@ -20,14 +20,14 @@ import _support
 import harness
 import numpy as np
 
-from sarmitsuba.backend import ensure_backend
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo import block, direct
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
 from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.signal.raw import block, direct
 
 SLANT_RANGE = 10e3  # m: airborne
 EXTENT = 400.0  # m: a city quarter
@@ -100,7 +100,7 @@ class Paths:
         import drjit as dr
         import mitsuba as mi
 
-        from sarmitsuba.trace.state import DIFFUSE, Contribution
+        from sarmitsuba.tracing.kernel.state import DIFFUSE, Contribution
 
         index = dr.arange(mi.UInt32, self.n * len(position))
         pulse = index // dr.opaque(mi.UInt32, self.n)
@@ -123,7 +123,7 @@ def run_direct(
     radar: Radar, box: np.ndarray, paths: Paths, start: int, stop: int, width: int, extra: float = 0.0
 ) -> tuple[Any, ...]:
     """Seconds to fill, seconds to finish, profiles (K, n_samples)."""
-    from sarmitsuba.trace.accumulators import DirectAccumulator
+    from sarmitsuba.tracing.kernel.accumulators import DirectAccumulator
 
     t0 = time.perf_counter()
     plan = direct.plan_direct(radar, start, stop, box, width, extra)
@@ -138,7 +138,7 @@ def run_block(
     radar: Radar, box: np.ndarray, paths: Paths, start: int, stop: int, width: int, extra: float = 0.0
 ) -> tuple[Any, ...]:
     """Seconds to fill, seconds to synthesise, profiles (K, n_samples)."""
-    from sarmitsuba.trace.accumulators import BlockAccumulator
+    from sarmitsuba.tracing.kernel.accumulators import BlockAccumulator
 
     t0 = time.perf_counter()
     plan = block.plan_block(radar, start, stop, np.zeros(3), box, width, extra_slant_range=extra)

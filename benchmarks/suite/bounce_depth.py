@@ -16,8 +16,8 @@ PULSES = {"tower": 0.25, "bridge": 0.25, "urban_block": 0.25, "Munich": 0.25}
 
 
 def scenes(quick: bool) -> dict[str, Any]:
-    from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.simulation.sampling.piece import crop
+    from sarmitsuba.loading.load import load_scene
+    from sarmitsuba.simulation.planning.sampling.piece import crop
 
     found = {name: load_scene(name) for name in (("tower",) if quick else ("tower", "bridge", "urban_block"))}
     city = None if quick else harness.load_munich()
@@ -63,8 +63,8 @@ def pictures(name: str, layers: np.ndarray, seconds: list[float]) -> Any:
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.trial import TrialSetting, run_trial
-    from sarmitsuba.image.metrics import image_error_db
+    from sarmitsuba.apps.cost.trial import TrialSetting, run_trial
+    from sarmitsuba.signal.image.metrics import image_error_db
 
     report = harness.Report(
         "bounce_depth",

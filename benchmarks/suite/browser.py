@@ -64,7 +64,7 @@ def cpu_seconds() -> float:
 
 def cases(quick: bool) -> dict[str, tuple[Any, dict[str, Any]]]:
     """Radars and image requests by name."""
-    from sarmitsuba.focusing.ideal import ideal_radar
+    from sarmitsuba.signal.focusing.ideal import ideal_radar
 
     def square(spacing: float, **more: Any) -> dict[str, Any]:
         extent = (SIZE - 2) * spacing
@@ -95,11 +95,11 @@ def cases(quick: bool) -> dict[str, tuple[Any, dict[str, Any]]]:
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.focusing import default_grid
-    from sarmitsuba.focusing.focusers.backprojection import backproject
-    from sarmitsuba.focusing.ideal import ideal_echoes
-    from sarmitsuba.image.metrics import coherence, image_error_db
-    from sarmitsuba.page.quantised_profiles import page_grid, page_profiles
+    from sarmitsuba.signal.focusing import default_grid
+    from sarmitsuba.signal.focusing.focusers.backprojection import backproject
+    from sarmitsuba.signal.focusing.ideal import ideal_echoes
+    from sarmitsuba.signal.image.metrics import coherence, image_error_db
+    from sarmitsuba.view.page.quantised_profiles import page_grid, page_profiles
 
     report = harness.Report(
         "browser",

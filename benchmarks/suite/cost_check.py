@@ -22,8 +22,8 @@ def _drawn(report: harness.Report, count: int) -> None:
 
     Seconds are those of the processor, so that other programs on the machine matter little.
     """
-    from sarmitsuba.cost.study import study_cost
-    from sarmitsuba.loader.load import load_scene
+    from sarmitsuba.apps.cost.study import study_cost
+    from sarmitsuba.loading.load import load_scene
 
     rows: list[list[Any]] = []
     with tempfile.TemporaryDirectory() as folder:
@@ -73,9 +73,9 @@ def _drawn(report: harness.Report, count: int) -> None:
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
+    from sarmitsuba.apps.cost.study import study_cost
     from sarmitsuba.commands.cost import table
-    from sarmitsuba.cost.study import study_cost
-    from sarmitsuba.loader.load import load_scene
+    from sarmitsuba.loading.load import load_scene
 
     budget = 12.0 if quick else 280.0
     scene = None if quick else harness.load_munich()

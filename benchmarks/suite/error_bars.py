@@ -36,8 +36,8 @@ DESIGNS = {
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.simulation.refinement.error_bars import SHARED_DB
+    from sarmitsuba.loading.load import load_scene
+    from sarmitsuba.simulation.execution.refinement.error_bars import SHARED_DB
 
     report = harness.Report(
         "error_bars",
@@ -143,13 +143,13 @@ def share(which: "np.ndarray[Any, np.dtype[np.bool_]]") -> float:
 
 def _refined(seed: int, folder: Path) -> dict[str, Any] | None:
     """Stated and true error of one scene after its passes; None where its truth would cost too much."""
-    from sarmitsuba.image.metrics import image_error_db
-    from sarmitsuba.simulation.refinement.error_bars import (
+    from sarmitsuba.signal.image.metrics import image_error_db
+    from sarmitsuba.simulation.execution.refinement.error_bars import (
         PASSES_SCATTER_DB,
         PIXELS_TOGETHER,
         estimate_error,
     )
-    from sarmitsuba.simulation.run import Run
+    from sarmitsuba.simulation.execution.run import Run
     from tests.support.unweighted import refine
 
     # bounces and blocks of pulses as in all of the passes: their error is not the rays'
@@ -228,15 +228,15 @@ def _designs(report: harness.Report, rows: list[dict]) -> None:  # type: ignore[
 
 def _rows(whole, name: str, share: float, factors, runs: int) -> list[dict]:  # type: ignore[no-untyped-def, type-arg]
     """True and estimated error of every run, by factor."""
-    from sarmitsuba.cost.trial import TrialSetting, mean_image
-    from sarmitsuba.echo.raw_data import Layer
-    from sarmitsuba.focusing import default_grid
-    from sarmitsuba.simulation.image import Imager
-    from sarmitsuba.simulation.pilot import plan_scene
-    from sarmitsuba.simulation.refinement.error_bars import estimate_error
-    from sarmitsuba.simulation.run import Run
-    from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
-    from sarmitsuba.simulation.sampling.piece import crop
+    from sarmitsuba.apps.cost.trial import TrialSetting, mean_image
+    from sarmitsuba.signal.focusing import default_grid
+    from sarmitsuba.signal.raw.raw_data import Layer
+    from sarmitsuba.simulation.execution.image import Imager
+    from sarmitsuba.simulation.execution.refinement.error_bars import estimate_error
+    from sarmitsuba.simulation.execution.run import Run
+    from sarmitsuba.simulation.planning.pilot import plan_scene
+    from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
+    from sarmitsuba.simulation.planning.sampling.piece import crop
 
     plan = plan_scene(whole)
     sampling = SamplingPlan.of(whole, plan.flags)

@@ -8,17 +8,17 @@ import numpy as np
 from methods import intensity_error_db
 from speed import thinned
 
-from sarmitsuba.cost.report import pareto
-from sarmitsuba.cost.trial import TrialSetting, run_trial
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.raw import echoes
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
-from sarmitsuba.simulation.sampling.piece import crop
+from sarmitsuba.apps.cost.report import pareto
+from sarmitsuba.apps.cost.trial import TrialSetting, run_trial
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.simulation.execution.raw import echoes
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.planning.pilot import plan_scene
+from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
+from sarmitsuba.simulation.planning.sampling.piece import crop
 from tests.support.unweighted import focus
 
 FACTORS = (4.0, 2.83, 2.0, 1.41, 1.0, 0.71)

@@ -19,22 +19,22 @@ import numpy as np
 import scipy.fft
 from focusers import band_noise
 
-from sarmitsuba.backend import ensure_backend
-from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.factorised.division import Plan
-from sarmitsuba.focusing.focuser import FocusTask
-from sarmitsuba.focusing.focusers.backprojection import Backprojection, backproject
-from sarmitsuba.focusing.focusers.factorised import Factorised
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focusing.windows import parse_window
-from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.memory import held_memory
-from sarmitsuba.progress import silent
+from sarmitsuba.core.progress import silent
+from sarmitsuba.machine.backend import ensure_backend
+from sarmitsuba.machine.memory import held_memory
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.simulation.prediction.speed import Machine
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.focusing.factorised.division import Plan
+from sarmitsuba.signal.focusing.focuser import FocusTask
+from sarmitsuba.signal.focusing.focusers.backprojection import Backprojection, backproject
+from sarmitsuba.signal.focusing.focusers.factorised import Factorised
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.focusing.windows import parse_window
+from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.simulation.planning.prediction.speed import Machine
 
 # pixels and pulses; plain backprojection grows with their cube: a minute and a half of one core for the last
 SIZES, SIZES_QUICK = (1024, 2048, 4096), (512, 1024)

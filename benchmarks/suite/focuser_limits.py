@@ -19,20 +19,20 @@ import harness
 import numpy as np
 from focuser_breaks import CHIP, FORMS, SWEEPS, focused, limit_of, place_of, setting
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.focuser import parse_focuser
-from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy
-from sarmitsuba.focusing.focusers.chirp_scaling import ChirpScaling
-from sarmitsuba.focusing.frequency_domain.migration import MAX_PHASE
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.image.metrics import image_error_db, point_target
-from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.radar import ReceiveWindow
 from sarmitsuba.radar.track import Track
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.focusing.focuser import parse_focuser
+from sarmitsuba.signal.focusing.focusers.backprojection import backproject, backproject_numpy
+from sarmitsuba.signal.focusing.focusers.chirp_scaling import ChirpScaling
+from sarmitsuba.signal.focusing.frequency_domain.migration import MAX_PHASE
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.image.metrics import image_error_db, point_target
+from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from tests.support.geometries import random_geometry
 
 ALGORITHMS = ("omega_k", "omega_k,stolt=phase", "range_doppler", "chirp_scaling")

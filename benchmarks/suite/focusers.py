@@ -17,14 +17,14 @@ import focuser_sizes
 import harness
 import numpy as np
 
-from sarmitsuba.backend import ensure_backend
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.focusing import FOCUSERS, default_grid
-from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.image.metrics import image_error_db, point_target_in
-from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.machine.backend import ensure_backend
+from sarmitsuba.signal.focusing import FOCUSERS, default_grid
+from sarmitsuba.signal.focusing.focusers.backprojection import backproject, backproject_numpy
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.image.metrics import image_error_db, point_target_in
+from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from tests.support.unweighted import focus
 
 # (interpolation, oversampling): the defaults of each, and linear cheaper and dearer by a factor of two

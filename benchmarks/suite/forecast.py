@@ -22,18 +22,18 @@ import harness
 import numpy as np
 from focuser_sizes import memory
 
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.focusers.backprojection import Backprojection
-from sarmitsuba.loader.library import list_scenes, resolve
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.loading.library import list_scenes, resolve
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.focusing.focusers.backprojection import Backprojection
+from sarmitsuba.simulation.execution.render import simulate
 
 # what `render` writes about a run that it announces, and what it has taken when it has ended
 CHILD = """
 import json, resource, sys, time
 from sarmitsuba.cli import main
 from sarmitsuba.commands import results
-from sarmitsuba.memory import peak_memory
+from sarmitsuba.machine.memory import peak_memory
 
 found, inner = {}, results.with_files
 

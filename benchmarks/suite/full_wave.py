@@ -20,8 +20,8 @@ import full_wave_solver as solver
 import harness
 import numpy as np
 
-from sarmitsuba.arrays import C128, F64
-from sarmitsuba.validation import full_wave as scenes
+from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.truth.validation import full_wave as scenes
 
 # right triangles whose legs are that share of a wavelength: 192 unknowns per square wavelength at an eighth, 147 at a
 # seventh; the first scene is solved on a coarser mesh too, which shows what the mesh leaves
@@ -271,8 +271,8 @@ def main() -> int:
             parser.error("--compute needs bempp-cl and an OpenCL driver: pip install '.[full-wave]'")
         compute(args.compute, args.scene or tuple(scenes.SCENES))
         return 0
-    from sarmitsuba.backend import ensure_backend
-    from sarmitsuba.errors import SarmitsubaWarning
+    from sarmitsuba.core.errors import SarmitsubaWarning
+    from sarmitsuba.machine.backend import ensure_backend
 
     warnings.simplefilter("ignore", SarmitsubaWarning)
     ensure_backend()

@@ -6,11 +6,11 @@ import harness
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.trial import TrialSetting, run_trial
-    from sarmitsuba.echo.gridding import gridding_kernel
-    from sarmitsuba.focusing import default_grid
-    from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.simulation.sampling.piece import crop
+    from sarmitsuba.apps.cost.trial import TrialSetting, run_trial
+    from sarmitsuba.loading.load import load_scene
+    from sarmitsuba.signal.focusing import default_grid
+    from sarmitsuba.signal.raw.gridding import gridding_kernel
+    from sarmitsuba.simulation.planning.sampling.piece import crop
 
     report = harness.Report(
         "gridding",

@@ -17,10 +17,10 @@ BELOW = 3.0  # dB, that a stated error may lie below the true one
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.trial import TrialSetting, run_trial
-    from sarmitsuba.focusing import default_grid
-    from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.simulation.sampling.piece import crop
+    from sarmitsuba.apps.cost.trial import TrialSetting, run_trial
+    from sarmitsuba.loading.load import load_scene
+    from sarmitsuba.signal.focusing import default_grid
+    from sarmitsuba.simulation.planning.sampling.piece import crop
 
     report = harness.Report(
         "key_pulse_interval",
@@ -64,11 +64,11 @@ def run(quick: bool) -> harness.Report:
 
 def _boxes(report: harness.Report, count: int) -> None:
     """Stated and true error of automatic blocks over drawn scenes."""
-    from sarmitsuba.cost.trial import TrialSetting, run_trial
-    from sarmitsuba.focusing import default_grid
-    from sarmitsuba.image.metrics import image_error_db
-    from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.simulation.render import simulate
+    from sarmitsuba.apps.cost.trial import TrialSetting, run_trial
+    from sarmitsuba.loading.load import load_scene
+    from sarmitsuba.signal.focusing import default_grid
+    from sarmitsuba.signal.image.metrics import image_error_db
+    from sarmitsuba.simulation.execution.render import simulate
     from tests.support.unweighted import focus
 
     rows = []

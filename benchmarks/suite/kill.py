@@ -14,8 +14,8 @@ import harness
 import numpy as np
 
 import sarmitsuba
-from sarmitsuba.io import read_image, read_raw
-from sarmitsuba.io.journal import Journal
+from sarmitsuba.files import read_image, read_raw
+from sarmitsuba.machine.journal import Journal
 
 # one of each kind: shared and single tracing, subsets (always, from the command line), orders, noise, channels
 RUNS = {

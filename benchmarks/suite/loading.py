@@ -9,8 +9,8 @@ from typing import Any
 import _support
 import harness
 
-from sarmitsuba.loader.mesh_files import read_mesh
-from sarmitsuba.loader.xml import parse_file
+from sarmitsuba.loading.mesh_files import read_mesh
+from sarmitsuba.loading.xml import parse_file
 
 
 def cpu_seconds(action: Callable[[], Any], rounds: int) -> list[float]:

@@ -11,11 +11,11 @@ import harness
 
 CHILD = """
 import json, random, sys, time, warnings
-from sarmitsuba.backend import ensure_backend
+from sarmitsuba.machine.backend import ensure_backend
 ensure_backend()
 import drjit as dr
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.simulation.render import render
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.simulation.execution.render import render
 
 warnings.simplefilter("ignore")
 dr.set_flag(dr.JitFlag.KernelHistory, True)

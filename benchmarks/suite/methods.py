@@ -19,10 +19,10 @@ LOOKS = 9  # pixels per side that intensities are averaged over: speckle of 1 / 
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.trial import TrialSetting, mean_image, run_trial
-    from sarmitsuba.focusing import default_grid
-    from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.simulation.sampling.piece import crop
+    from sarmitsuba.apps.cost.trial import TrialSetting, mean_image, run_trial
+    from sarmitsuba.loading.load import load_scene
+    from sarmitsuba.signal.focusing import default_grid
+    from sarmitsuba.simulation.planning.sampling.piece import crop
 
     report = harness.Report(
         "methods",
@@ -41,8 +41,8 @@ def run(quick: bool) -> harness.Report:
     share = 0.3 if quick else 1.0
     scene = crop(whole, share, 0.02 if quick else APERTURE)
     grid = default_grid(scene.radar, scene.image)
-    from sarmitsuba.simulation.pilot import plan_scene
-    from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
+    from sarmitsuba.simulation.planning.pilot import plan_scene
+    from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 
     sampling = SamplingPlan.of(whole, plan_scene(whole).flags)
     rays = sampling.spacings
@@ -110,9 +110,9 @@ def run(quick: bool) -> harness.Report:
 
 def _interactive(report: harness.Report, quick: bool) -> None:
     """Seconds of the two image-domain methods on Munich, once compiled: the whole run, and one more image."""
-    from sarmitsuba.focusing import default_grid
-    from sarmitsuba.simulation.image import Imager
-    from sarmitsuba.simulation.run import Run
+    from sarmitsuba.signal.focusing import default_grid
+    from sarmitsuba.simulation.execution.image import Imager
+    from sarmitsuba.simulation.execution.run import Run
     from tests.support.unweighted import render
 
     scene = None if quick else harness.load_munich()
@@ -130,7 +130,7 @@ def _interactive(report: harness.Report, quick: bool) -> None:
     timing = harness.interleave(jobs, harness.ROUNDS)
     report.table(
         "Munich, once compiled: seconds from the loaded scene, and of one more image of a prepared scene "
-        "(`sarmitsuba.simulation.image.Imager`)",
+        "(`sarmitsuba.simulation.execution.image.Imager`)",
         ["method", "whole run", "one more image"],
         [[name, str(timing[name]), str(timing[f"{name} again"])] for name in ("raster", "image")],
     )
@@ -143,7 +143,7 @@ def _interactive(report: harness.Report, quick: bool) -> None:
 
 def intensity_error_db(image: np.ndarray, reference: np.ndarray) -> float:
     """Relative error of the averaged intensities' square roots, dB: bright corners do not outweigh all the rest."""
-    from sarmitsuba.image.averaging import sliding_means
+    from sarmitsuba.signal.image.averaging import sliding_means
 
     a, b = (
         np.sqrt(sliding_means(np.abs(x).astype(np.float64) ** 2, (LOOKS, LOOKS), "reflect"))
@@ -154,8 +154,8 @@ def intensity_error_db(image: np.ndarray, reference: np.ndarray) -> float:
 
 def literature(quick: bool) -> list[tuple[str, float, float]]:
     """Seconds of hybrid, image and raster for 2 and 16 buildings on the same ground, warm."""
-    from sarmitsuba.cost.trial import TrialSetting, run_trial
-    from sarmitsuba.loader.load import load_scene
+    from sarmitsuba.apps.cost.trial import TrialSetting, run_trial
+    from sarmitsuba.loading.load import load_scene
     from tests.support.city import make_city
 
     out: dict[str, list[float]] = {

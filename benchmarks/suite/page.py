@@ -15,7 +15,7 @@ import harness
 FRAMES = 10  # of which the CPU seconds are the mean
 # reading a pixel waits until the frame is drawn
 DRAW = """async (n) => {
-  const { world } = window.sarmitsuba.page;
+  const { world } = window.sarmitsuba.view.page;
   const gl = world.renderer.getContext();
   const pixel = new Uint8Array(4);
   for (let i = 0; i < n; i++) {

@@ -6,10 +6,10 @@ import harness
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.trial import TrialSetting, run_trial
-    from sarmitsuba.focusing import default_grid
-    from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.simulation.sampling.piece import crop
+    from sarmitsuba.apps.cost.trial import TrialSetting, run_trial
+    from sarmitsuba.loading.load import load_scene
+    from sarmitsuba.signal.focusing import default_grid
+    from sarmitsuba.simulation.planning.sampling.piece import crop
 
     report = harness.Report(
         "phase_precision",

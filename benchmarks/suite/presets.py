@@ -6,10 +6,10 @@ import _support
 import harness
 import numpy as np
 
-from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.link import link_budget
-from sarmitsuba.loader.library import list_radars
-from sarmitsuba.validation.cases.link import measured, preset_scene
+from sarmitsuba.analysis.link import link_budget
+from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.loading.library import list_radars
+from sarmitsuba.truth.validation.cases.link import measured, preset_scene
 
 # dB, as the sources in the radars' files have it
 PUBLISHED = {

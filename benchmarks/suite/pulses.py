@@ -6,9 +6,9 @@ import harness
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.trial import TrialSetting, run_trial
-    from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.simulation.sampling.piece import crop
+    from sarmitsuba.apps.cost.trial import TrialSetting, run_trial
+    from sarmitsuba.loading.load import load_scene
+    from sarmitsuba.simulation.planning.sampling.piece import crop
 
     report = harness.Report(
         "pulses",

@@ -10,12 +10,12 @@ REFERENCE = 0.35  # spacing of the reference, as a factor: 8 times the rays of t
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.trial import TrialSetting, mean_image, run_trial
-    from sarmitsuba.focusing import default_grid
-    from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.simulation.pilot import plan_scene
-    from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
-    from sarmitsuba.simulation.sampling.piece import crop
+    from sarmitsuba.apps.cost.trial import TrialSetting, mean_image, run_trial
+    from sarmitsuba.loading.load import load_scene
+    from sarmitsuba.signal.focusing import default_grid
+    from sarmitsuba.simulation.planning.pilot import plan_scene
+    from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
+    from sarmitsuba.simulation.planning.sampling.piece import crop
 
     report = harness.Report(
         "ray_density",

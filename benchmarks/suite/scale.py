@@ -8,11 +8,11 @@ import _support
 import harness
 
 from sarmitsuba import load_scene
-from sarmitsuba.cluster import ClusterPlan
+from sarmitsuba.apps.cluster import ClusterPlan
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.prediction.needs import Needs
-from sarmitsuba.simulation.prediction.prediction import Prediction, predict
-from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.planning.prediction.needs import Needs
+from sarmitsuba.simulation.planning.prediction.prediction import Prediction, predict
 from tests.support.city import make_city
 
 # m, and buildings on them: one every 20 m on both, so that what a ray meets is alike

@@ -27,9 +27,9 @@ def rough(scene: Any) -> Any:
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.image.metrics import image_error_db
-    from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.simulation.sampling.piece import crop
+    from sarmitsuba.loading.load import load_scene
+    from sarmitsuba.signal.image.metrics import image_error_db
+    from sarmitsuba.simulation.planning.sampling.piece import crop
 
     report = harness.Report(
         "speed",
@@ -102,8 +102,8 @@ STAGES = ("build", "plan", "launch grid", "trace", "synthesise")
 
 
 def _raw_data(scene: Any, rounds: int) -> tuple[Any, Any, Any, Any, dict[str, harness.Timing]]:
-    from sarmitsuba.simulation.pilot import plan_scene
-    from sarmitsuba.simulation.render import simulate
+    from sarmitsuba.simulation.execution.render import simulate
+    from sarmitsuba.simulation.planning.pilot import plan_scene
 
     plan = plan_scene(scene)
     # hybrid and raw must use the same scatterers and launch window, which follow from the whole aperture
@@ -125,15 +125,15 @@ def _raw_data(scene: Any, rounds: int) -> tuple[Any, Any, Any, Any, dict[str, ha
 
 
 def _cell(scene: Any) -> float:
-    from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
+    from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 
     return SamplingPlan.of(scene).scatterer_cell
 
 
 def _equal_error(report: harness.Report, scene: Any, raw_seconds: float) -> None:
     """Errors of raw and of hybrid with several block lengths against converged raw, and their times."""
-    from sarmitsuba.image.metrics import image_error_db
-    from sarmitsuba.simulation.render import simulate
+    from sarmitsuba.signal.image.metrics import image_error_db
+    from sarmitsuba.simulation.execution.render import simulate
 
     few = harness.with_settings(thinned(scene, CONVERGED_EVERY), method="raw")
     converged = simulate(harness.with_settings(few, **_denser(scene, 0.5)), pass_index=5).data
@@ -160,7 +160,7 @@ def _equal_error(report: harness.Report, scene: Any, raw_seconds: float) -> None
 
 
 def _denser(scene: Any, factor: float) -> dict[str, float]:
-    from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
+    from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 
     own = SamplingPlan.of(scene).spacings.diffuse
     return {"ray_spacing": factor * SPACING, "diffuse_ray_spacing": factor * max(own, SPACING)}
@@ -173,13 +173,13 @@ class _Sink:
         self.wavelength, self.used = wavelength, used
 
     def begin(self) -> tuple[Any, ...]:
-        from sarmitsuba.backend import mi
+        from sarmitsuba.machine.backend import mi
 
         return (mi.Complex2f(0.0),)
 
     def add(self, state: tuple[Any, ...], contribution: Any) -> tuple[Any, ...]:
-        from sarmitsuba.backend import dr, mi
-        from sarmitsuba.trace.accumulators import phase_factor
+        from sarmitsuba.machine.backend import dr, mi
+        from sarmitsuba.tracing.kernel.accumulators import phase_factor
 
         if not self.used:
             return state
@@ -224,17 +224,17 @@ def _kernel(report: harness.Report, cases: dict[str, Any], rounds: int) -> None:
 
 def _rates(scene: Any, rounds: int) -> tuple[dict[str, harness.Timing], int]:
     """Seconds of one launch, for three accumulators; its number of rays."""
-    from sarmitsuba.backend import dr
-    from sarmitsuba.echo.block import plan_block
-    from sarmitsuba.simulation.pilot import plan_scene
-    from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
-    from sarmitsuba.simulation.tracing import Tracer
-    from sarmitsuba.timing import StageTimer
-    from sarmitsuba.trace.accumulators import BlockAccumulator
-    from sarmitsuba.trace.kernel import trace
-    from sarmitsuba.trace.launch import PulseBatch, lattice
-    from sarmitsuba.trace.scene_tables import build_trace_scene
-    from sarmitsuba.trace.state import Kernel
+    from sarmitsuba.core.timing import StageTimer
+    from sarmitsuba.machine.backend import dr
+    from sarmitsuba.signal.raw.block import plan_block
+    from sarmitsuba.simulation.execution.tracing import Tracer
+    from sarmitsuba.simulation.planning.pilot import plan_scene
+    from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
+    from sarmitsuba.tracing.kernel.accumulators import BlockAccumulator
+    from sarmitsuba.tracing.kernel.kernel import trace
+    from sarmitsuba.tracing.kernel.launch import PulseBatch, lattice
+    from sarmitsuba.tracing.kernel.scene_tables import build_trace_scene
+    from sarmitsuba.tracing.kernel.state import Kernel
 
     radar = scene.radar
     plan = plan_scene(scene)

@@ -19,21 +19,21 @@ import _support
 import harness
 import numpy as np
 
+from sarmitsuba.core.errors import SarmitsubaError, SarmitsubaWarning
 from sarmitsuba.effects.effect import Decision
 from sarmitsuba.effects.plan import EffectsPlan
-from sarmitsuba.errors import SarmitsubaError, SarmitsubaWarning
-from sarmitsuba.loader.library import list_scenes, resolve
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.loading.library import list_scenes, resolve
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.prediction.both_ways import (
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.planning.prediction.both_ways import (
     MOST_PLACES,
     measured_both_ways,
     share_of,
     switched,
 )
-from sarmitsuba.simulation.prediction.explanation import explain
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.planning.prediction.explanation import explain
 from tests.support.unweighted import focus
 
 # a shipped scene is made coarser by this, and no wider than so many of its resolution cells

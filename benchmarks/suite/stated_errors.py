@@ -133,8 +133,8 @@ def main() -> None:
         lines = [line for path in args.summary for line in path.read_text(encoding="utf-8").splitlines()]
         rows = [Row(**json.loads(line)) for line in lines]
     else:
-        from sarmitsuba.backend import ensure_backend
-        from sarmitsuba.errors import SarmitsubaWarning
+        from sarmitsuba.core.errors import SarmitsubaWarning
+        from sarmitsuba.machine.backend import ensure_backend
 
         warnings.simplefilter("ignore", SarmitsubaWarning)
         ensure_backend()

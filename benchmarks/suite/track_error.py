@@ -10,13 +10,13 @@ import _support
 import harness
 import numpy as np
 
-from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.focusing import AUTOFOCUSERS
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
+from sarmitsuba.signal.focusing import AUTOFOCUSERS
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.raw.raw_data import RawData
 from tests.support.unweighted import focus
 
 ERROR = 0.1  # m

@@ -10,9 +10,9 @@ import harness
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.errors import SarmitsubaWarning
-    from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.simulation.render import simulate
+    from sarmitsuba.core.errors import SarmitsubaWarning
+    from sarmitsuba.loading.load import load_scene
+    from sarmitsuba.simulation.execution.render import simulate
 
     report = harness.Report(
         "water",

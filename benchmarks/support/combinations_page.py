@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from combinations_reference import Deviation
 
-from sarmitsuba.focusing import FOCUSERS
 from sarmitsuba.scene.settings import METHODS
+from sarmitsuba.signal.focusing import FOCUSERS
 
 RIGHT, WARNS, REFUSES, WRONG = "right", "warns", "refuses", "wrong"
 # draws per mode of the full matrix

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.arrays import C128, F64
+from sarmitsuba.core.arrays import C128, F64
 
 SPEED_OF_LIGHT = 299_792_458.0
 # 0.5 = (sin x / x)^2

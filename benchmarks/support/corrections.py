@@ -12,19 +12,19 @@ from typing import Any
 
 import numpy as np
 
-from sarmitsuba.backend import mi
-from sarmitsuba.echo.block import BlockPlan, plan_block
+from sarmitsuba.core.timing import StageTimer
+from sarmitsuba.machine.backend import mi
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.pulses import AntennaStates
-from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
-from sarmitsuba.simulation.tracing import Tracer
-from sarmitsuba.timing import StageTimer
-from sarmitsuba.trace.accumulators import BlockAccumulator
-from sarmitsuba.trace.launch import LaunchGrid
-from sarmitsuba.trace.source import launches
-from sarmitsuba.trace.surfaces import Surfaces
-from sarmitsuba.trace.tubes.polygon import Bounds
+from sarmitsuba.signal.raw.block import BlockPlan, plan_block
+from sarmitsuba.simulation.execution.pulses import AntennaStates
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.execution.tracing import Tracer
+from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
+from sarmitsuba.tracing.kernel.accumulators import BlockAccumulator
+from sarmitsuba.tracing.kernel.launch import LaunchGrid
+from sarmitsuba.tracing.kernel.source import launches
+from sarmitsuba.tracing.kernel.surfaces import Surfaces
+from sarmitsuba.tracing.kernel.tubes.polygon import Bounds
 
 BLOCK = 64  # pulses
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
+from sarmitsuba.core.arrays import F64
 
 
 def bar(a: F64, b: F64, radius: float) -> str:

@@ -296,7 +296,7 @@ def sphere(radius: float, step: float) -> Mesh:
 def main() -> int:
     import time
 
-    from sarmitsuba import theory
+    from sarmitsuba.truth import theory
 
     for radius in (0.2, 0.53, 0.9):
         start = time.process_time()

@@ -8,9 +8,9 @@ import numpy as np
 import random_scenes
 
 if TYPE_CHECKING:
-    from sarmitsuba.image.sar_image import ImageGrid
     from sarmitsuba.scene.scene import Scene
-    from sarmitsuba.simulation.run import Run
+    from sarmitsuba.signal.image.sar_image import ImageGrid
+    from sarmitsuba.simulation.execution.run import Run
 
 TARGETS = (-30.0, -18.0)  # dB
 MOST_PASSES = 5
@@ -21,8 +21,8 @@ MOST_RAYS = 1e6
 
 def drawn_scene(seed: int, folder: Path) -> "Scene | None":
     """A scene, its blocks of pulses alike in all runs; None where its truth would cost too much."""
-    from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.simulation.run import Run
+    from sarmitsuba.loading.load import load_scene
+    from sarmitsuba.simulation.execution.run import Run
 
     scene = harness.with_settings(load_scene(random_scenes.draw_boxes(seed).write(folder)), method="hybrid")
     sampling = Run(scene).sampling
@@ -35,7 +35,7 @@ def drawn_scene(seed: int, folder: Path) -> "Scene | None":
 
 def converged(run: "Run", grid: "ImageGrid") -> "np.ndarray[Any, Any]":
     """The truth: pixels by a run of dense rays, several times with lattices of their own."""
-    from sarmitsuba.simulation.raw import echoes
+    from sarmitsuba.simulation.execution.raw import echoes
     from tests.support.unweighted import focus
 
     images = [focus(echoes(run, pass_index=1000 + i), grid).total() for i in range(DENSER_RUNS)]

@@ -1,7 +1,8 @@
 """Drawn metal bodies of several parts, and bent sheets, with their exact scattering by moments.
 
 Long profiles (pairs of sheets, boxes and cylinders at gaps of 0.1 to 5 wavelengths, louvres, channels, bent sheets) are
-solved in two dimensions by :func:`sarmitsuba.theory.strips_by_moments`, short ones (pairs of plates and boxes, a box
+solved in two dimensions by :func:`sarmitsuba.truth.theory.strips_by_moments`, short ones (pairs of plates and boxes, a
+box
 before a plate, bent plates) by :mod:`dense_moments`. ``python benchmarks/support/drawn_assemblies.py FILE --seed 3``
 draws, solves and stores them as JSON. Lengths are in wavelengths.
 """
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from sarmitsuba import theory
+from sarmitsuba.truth import theory
 
 F64 = NDArray[np.float64]
 Profile = list[F64]

@@ -6,16 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from sarmitsuba.arrays import C128, F64
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.errors import SarmitsubaError
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focusing.profiles import plan_spectrum
-from sarmitsuba.focusing.windows import parse_window
-from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.loader.build import build_scene
+from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import SarmitsubaError
+from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
@@ -24,6 +18,12 @@ from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.focusing.profiles import plan_spectrum
+from sarmitsuba.signal.focusing.windows import parse_window
+from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.raw.raw_data import RawData
 
 CARRIERS = {"L": 1.3e9, "C": 5.4e9, "X": 9.6e9, "Ku": 16e9}
 MARGIN = 12  # pixels from the image's ends to the outermost points

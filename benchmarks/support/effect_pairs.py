@@ -10,12 +10,12 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
-from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.loader.library import list_scenes, resolve, resolve_radar
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.loading.library import list_scenes, resolve, resolve_radar
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.simulation.planning.pilot import plan_scene
 
 # scenes that show an effect under another radar, in a later pass, or alone: without slabs nothing is seen through them
 OTHERWISE: dict[str, tuple[str, str | None, dict[str, str]]] = {

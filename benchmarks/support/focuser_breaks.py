@@ -10,24 +10,24 @@ from typing import Any
 import harness
 import numpy as np
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.focuser import FocusTask, parse_focuser
-from sarmitsuba.focusing.focusers.backprojection import backproject
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focusing.motion_compensation import (
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.progress import silent
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.track import Track
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.focusing.focuser import FocusTask, parse_focuser
+from sarmitsuba.signal.focusing.focusers.backprojection import backproject
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.focusing.motion_compensation import (
     LARGEST_RESIDUAL,
     compensate_motion,
     compensation_residual,
     plan_straightening,
 )
-from sarmitsuba.focusing.windows import parse_window
-from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.progress import silent
-from sarmitsuba.radar.radar import Radar
-from sarmitsuba.radar.track import Track
+from sarmitsuba.signal.focusing.windows import parse_window
+from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.raw.raw_data import RawData
 
 # every form, the low-accuracy ones too
 FORMS = (

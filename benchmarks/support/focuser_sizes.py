@@ -15,18 +15,18 @@ from typing import Any
 import harness
 import numpy as np
 
-from sarmitsuba.backend import dr
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.focusing import FOCUSERS, default_grid
-from sarmitsuba.focusing.focuser import Focuser, FocusTask
-from sarmitsuba.focusing.focusers.backprojection import backproject
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focusing.windows import parse_window
-from sarmitsuba.image.metrics import PointTargetMetrics, image_error_db, point_target
-from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.progress import silent
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.progress import silent
+from sarmitsuba.machine.backend import dr
 from sarmitsuba.radar.antenna import Antenna
+from sarmitsuba.signal.focusing import FOCUSERS, default_grid
+from sarmitsuba.signal.focusing.focuser import Focuser, FocusTask
+from sarmitsuba.signal.focusing.focusers.backprojection import backproject
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.focusing.windows import parse_window
+from sarmitsuba.signal.image.metrics import PointTargetMetrics, image_error_db, point_target
+from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.raw.raw_data import RawData
 
 SIZES, SIZES_QUICK = (1024, 2048, 4096), (256, 512)
 RANGE, BANDWIDTH = 700e3, 100e6  # m, Hz: swaths of 1.3 to 5 km

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lu_factor, lu_solve
 from scipy.special import spherical_jn, spherical_yn
 
-from sarmitsuba.arrays import C64, C128, F64, I64
+from sarmitsuba.core.arrays import C64, C128, F64, I64
 
 K = 2.0 * np.pi  # wavenumber, rad per wavelength
 CHANNELS = ("HH", "HV", "VV")

@@ -14,9 +14,9 @@ import munich_materials_drawn as munich_materials
 import numpy as np
 
 from sarmitsuba import Prior, RawData, Scene, fit
-from sarmitsuba.gradients.forward_model import ForwardModel
-from sarmitsuba.gradients.parsing import parse
-from sarmitsuba.memory import peak_memory
+from sarmitsuba.apps.fit.forward_model import ForwardModel
+from sarmitsuba.apps.fit.parsing import parse
+from sarmitsuba.machine.memory import peak_memory
 from tests.support.fits import fields, noisy
 from tests.support.tracks import targets, track_case
 

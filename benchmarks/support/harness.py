@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sarmitsuba.errors import ExtensionError
-from sarmitsuba.registry import Registry
+from sarmitsuba.core.errors import ExtensionError
+from sarmitsuba.core.registry import Registry
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))  # tests.support
@@ -256,8 +256,8 @@ def carried(name: str) -> Path | None:
 
 def load_munich(**parameters: str) -> Any:
     """Munich under the airborne X-band radar: 400 m x 400 m, 512 pulses; None where it is not installed."""
-    from sarmitsuba.loader.library import resolve_radar
-    from sarmitsuba.loader.load import load_scene
+    from sarmitsuba.loading.library import resolve_radar
+    from sarmitsuba.loading.load import load_scene
 
     path = munich()
     if path is None:
@@ -277,7 +277,7 @@ def main(run: Callable[[bool], Report]) -> None:
     """Command line of a benchmark: ``[--quick] [-o FOLDER]``."""
     import warnings
 
-    from sarmitsuba.errors import SarmitsubaWarning
+    from sarmitsuba.core.errors import SarmitsubaWarning
 
     parser = argparse.ArgumentParser(description=sys.modules["__main__"].__doc__)
     parser.add_argument("--quick", action="store_true", help="small sizes, one round")
@@ -286,7 +286,7 @@ def main(run: Callable[[bool], Report]) -> None:
     )
     args = parser.parse_args()
     warnings.simplefilter("ignore", SarmitsubaWarning)
-    from sarmitsuba.backend import ensure_backend
+    from sarmitsuba.machine.backend import ensure_backend
 
     ensure_backend()
     run(args.quick).save(args.output)

@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 from hostile_structure import json_tree
 
-from sarmitsuba.io.journal import _HEADER, _RECORD, MAGIC
+from sarmitsuba.machine.journal import _HEADER, _RECORD, MAGIC
 
 LARGE = 1_700_000_000  # bytes that a bomb unpacks to: more than a case may take
 _BLOCK = 1 << 24

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from sarmitsuba.cost.trial import TrialSetting
-    from sarmitsuba.datasets.draw import Drawer
+    from sarmitsuba.apps.cost.trial import TrialSetting
+    from sarmitsuba.apps.datasets.draw import Drawer
     from sarmitsuba.scene.scene import Scene
 
 SCENE = """<scene version="3.0.0">
@@ -181,11 +181,11 @@ def make_samples(folder: Path) -> None:
     import scipy.io
     import trimesh
 
-    from sarmitsuba.echo.raw_data import Layer
-    from sarmitsuba.io import write_image, write_raw
-    from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.simulation.refinement.running_mean import Passes
-    from sarmitsuba.simulation.render import simulate
+    from sarmitsuba.files import write_image, write_raw
+    from sarmitsuba.loading.load import load_scene
+    from sarmitsuba.signal.raw.raw_data import Layer
+    from sarmitsuba.simulation.execution.refinement.running_mean import Passes
+    from sarmitsuba.simulation.execution.render import simulate
     from tests.support.unweighted import focus
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -364,7 +364,7 @@ method = "image"
 
 def resumed_scene() -> "Scene":
     """The scene of the journals."""
-    from sarmitsuba.loader.load import load_scene
+    from sarmitsuba.loading.load import load_scene
 
     small = {"range_film.image_extent_azimuth": "4", "range_film.image_extent_range": "4"}
     return load_scene(
@@ -374,14 +374,14 @@ def resumed_scene() -> "Scene":
 
 def resumed_setting() -> "TrialSetting":
     """The setting of the trial in a journal."""
-    from sarmitsuba.cost.trial import TrialSetting
+    from sarmitsuba.apps.cost.trial import TrialSetting
 
     return TrialSetting({"method": "image", "max_depth": 2})
 
 
 def sample_drawer(recipe: Path) -> "Drawer":
     """Drawer of the samples in a journal."""
-    from sarmitsuba.datasets.draw import Drawer
+    from sarmitsuba.apps.datasets.draw import Drawer
 
     if not recipe.is_file():
         recipe.write_text(RECIPE, encoding="utf-8")
@@ -420,13 +420,13 @@ def _make_graph(folder: Path) -> None:
 
 def _make_journals(folder: Path) -> None:
     """What an interrupted run, cost study and data set leave."""
-    from sarmitsuba.cost.clock import WorkClock
-    from sarmitsuba.cost.trials import Trials
-    from sarmitsuba.datasets.recipe import PART_NAMES
-    from sarmitsuba.datasets.record import SampleForm, append
-    from sarmitsuba.datasets.sample import make_sample
-    from sarmitsuba.io.journal import Journal
-    from sarmitsuba.simulation.render import simulate
+    from sarmitsuba.apps.cost.clock import WorkClock
+    from sarmitsuba.apps.cost.trials import Trials
+    from sarmitsuba.apps.datasets.recipe import PART_NAMES
+    from sarmitsuba.apps.datasets.record import SampleForm, append
+    from sarmitsuba.apps.datasets.sample import make_sample
+    from sarmitsuba.machine.journal import Journal
+    from sarmitsuba.simulation.execution.render import simulate
 
     scene = resumed_scene()
     simulate(scene, state=folder / "raw.blocks")
@@ -449,7 +449,7 @@ def drawn_dictionary(rng: random.Random, *, changed: bool = True) -> dict[Any, A
     from fractions import Fraction
     from types import MappingProxyType
 
-    from sarmitsuba.backend import mi
+    from sarmitsuba.machine.backend import mi
 
     scene: dict[Any, Any] = {
         "type": "scene",

@@ -50,7 +50,7 @@ REFUSED = "refused"
 
 
 def _scene(path: Path) -> object:
-    from sarmitsuba.loader.load import load_scene
+    from sarmitsuba.loading.load import load_scene
 
     return load_scene(path)
 
@@ -75,19 +75,19 @@ def _render(path: Path) -> object:
 
 
 def _raw(path: Path) -> object:
-    from sarmitsuba.io import read_raw
+    from sarmitsuba.files import read_raw
 
     return read_raw(path)
 
 
 def _image(path: Path) -> object:
-    from sarmitsuba.io import read_image
+    from sarmitsuba.files import read_image
 
     return read_image(path)
 
 
 def _mesh(path: Path) -> object:
-    from sarmitsuba.loader.mesh_files import read_mesh, read_parts, read_shape
+    from sarmitsuba.loading.mesh_files import read_mesh, read_parts, read_shape
 
     if path.suffix == ".serialized":
         return read_shape(path, 0, path.name)
@@ -97,7 +97,7 @@ def _mesh(path: Path) -> object:
 
 def _parts(path: Path) -> object:
     """A scene of a mesh alone, by its own materials."""
-    from sarmitsuba.loader.load import load_scene
+    from sarmitsuba.loading.load import load_scene
 
     return load_scene(path, radar="airborne_x")
 
@@ -137,7 +137,7 @@ def _vectors(path: Path) -> object:
 
 
 def _pattern(path: Path) -> object:
-    from sarmitsuba.loader.load import load_scene
+    from sarmitsuba.loading.load import load_scene
 
     table = {"sar_antenna.pattern": "table", "sar_antenna.pattern_file": str(path)}
     return load_scene("point", parameters=table)
@@ -147,8 +147,8 @@ def _passes(path: Path) -> object:
     """Passes, which must be as the run of the samples writes them."""
     import numpy as np
 
-    from sarmitsuba.echo.raw_data import Layer
-    from sarmitsuba.simulation.refinement.running_mean import Passes, PassLayout
+    from sarmitsuba.signal.raw.raw_data import Layer
+    from sarmitsuba.simulation.execution.refinement.running_mean import Passes, PassLayout
 
     layout = PassLayout((Layer("VV"),), *PASSES_SHAPE, 10.0)
     found = Passes.load(path, "made here", layout)
@@ -158,8 +158,8 @@ def _passes(path: Path) -> object:
 
 
 def _import(path: Path) -> object:
-    from sarmitsuba.importing.convert import import_scene
-    from sarmitsuba.importing.import_options import ImportOptions
+    from sarmitsuba.loading.importing.convert import import_scene
+    from sarmitsuba.loading.importing.import_options import ImportOptions
 
     return import_scene(path, path.parent / "imported.xml", ImportOptions(), force=True)
 
@@ -175,7 +175,7 @@ def _fresh_run(path: Path) -> Path:
 
 def _results(path: Path) -> object:
     """What a render into the folder does before and after its work; nothing outside may be gone."""
-    from sarmitsuba.io.output import output_folder
+    from sarmitsuba.machine.output import output_folder
 
     run = _fresh_run(path)
     with output_folder(str(run)) as folder:
@@ -225,7 +225,7 @@ def _blocks(path: Path) -> object:
     """A run that goes on from a journal of blocks: its echoes are those of the whole run, or new ones."""
     import numpy as np
 
-    from sarmitsuba.simulation.render import simulate
+    from sarmitsuba.simulation.execution.render import simulate
 
     raw = simulate(resumed_scene(), state=path)
     if not (np.isfinite(raw.data).all() and np.abs(raw.data).max() < 1e15):
@@ -236,8 +236,8 @@ def _blocks(path: Path) -> object:
 def _trials(path: Path) -> object:
     import numpy as np
 
-    from sarmitsuba.cost.clock import WorkClock
-    from sarmitsuba.cost.trials import Trials
+    from sarmitsuba.apps.cost.clock import WorkClock
+    from sarmitsuba.apps.cost.trials import Trials
 
     trials = Trials(WorkClock(), path, "one")
     try:
@@ -254,10 +254,10 @@ def _samples(path: Path) -> object:
     import h5py
     import numpy as np
 
-    from sarmitsuba.datasets.generate import STORE, _write_files
-    from sarmitsuba.datasets.recipe import PART_NAMES
-    from sarmitsuba.datasets.record import SampleForm
-    from sarmitsuba.io.journal import Journal
+    from sarmitsuba.apps.datasets.generate import STORE, _write_files
+    from sarmitsuba.apps.datasets.recipe import PART_NAMES
+    from sarmitsuba.apps.datasets.record import SampleForm
+    from sarmitsuba.machine.journal import Journal
 
     drawer = sample_drawer(path.parent / "small.toml")
     form = SampleForm(drawer.recipe.samples, PART_NAMES, drawer.classes, drawer.recipe.shape)
@@ -276,7 +276,7 @@ def _samples(path: Path) -> object:
 
 def _dictionary(path: Path) -> object:
     """A scene of a dict that has values of foreign types, keys of others, itself, or nothing in it."""
-    from sarmitsuba.loader.load import load_scene
+    from sarmitsuba.loading.load import load_scene
 
     seed = int(path.read_bytes())  # 0: nothing is changed
     return load_scene(drawn_dictionary(random.Random(seed), changed=seed > 0))

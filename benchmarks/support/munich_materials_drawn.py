@@ -6,8 +6,8 @@ import harness
 import numpy as np
 
 from sarmitsuba import Material, Prior, Scene
-from sarmitsuba.arrays import F64
-from sarmitsuba.gradients.parsing import parse
+from sarmitsuba.apps.fit.parsing import parse
+from sarmitsuba.core.arrays import F64
 
 # starts are off by at most so much: levels, dB, and shares of permittivities and rms heights
 LEVEL_OFF, SHARE_OFF = 3.0, 0.2

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from random_scenes import Body, Draw, Radar, look_direction
 
-from sarmitsuba.arrays import C128, F64, I64
+from sarmitsuba.core.arrays import C128, F64, I64
 
 SPEED_OF_LIGHT = 299_792_458.0
 

@@ -12,7 +12,7 @@ import numpy as np
 import trimesh
 from random_shapes import box, frame, gabled, polygon, terrain, turned
 
-from sarmitsuba.arrays import F64
+from sarmitsuba.core.arrays import F64
 
 SPEED_OF_LIGHT = 299_792_458.0
 # carrier in Hz and the bandwidths that such radars have

@@ -3,7 +3,7 @@
 import numpy as np
 import trimesh
 
-from sarmitsuba.arrays import F64
+from sarmitsuba.core.arrays import F64
 
 
 def box(size: F64) -> F64:

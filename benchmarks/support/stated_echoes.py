@@ -9,10 +9,10 @@ from drawn_focusing import DrawnEchoes, direct_sum, draw_echoes, draw_wide
 from focuser_breaks import FORMS
 from stated_row import Row
 
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.focusers.backprojection import backproject
-from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.witness import Witness
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.witness import Witness
+from sarmitsuba.signal.focusing.focusers.backprojection import backproject
+from sarmitsuba.signal.image.metrics import image_error_db
 from tests.support.unweighted import focus
 
 BACKPROJECTIONS = (

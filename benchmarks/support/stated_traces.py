@@ -13,24 +13,24 @@ from numpy.typing import NDArray
 from stated_row import Row
 
 from sarmitsuba.analysis.quality.error_budget import error_budget
-from sarmitsuba.arrays import C128, F64
-from sarmitsuba.echo.block import plan_block, spread_reference
-from sarmitsuba.echo.block_synthesis import synthesise
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.blocks import partition
-from sarmitsuba.simulation.image import Imager
-from sarmitsuba.simulation.path_table import PathTracer
-from sarmitsuba.simulation.raw import echoes
-from sarmitsuba.simulation.refinement.error_bars import with_error_bars
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.raw.block import plan_block, spread_reference
+from sarmitsuba.signal.raw.block_synthesis import synthesise
+from sarmitsuba.simulation.execution.blocks import partition
+from sarmitsuba.simulation.execution.image import Imager
+from sarmitsuba.simulation.execution.path_table import PathTracer
+from sarmitsuba.simulation.execution.raw import echoes
+from sarmitsuba.simulation.execution.refinement.error_bars import with_error_bars
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
 from tests.support.unweighted import focus, refine, render
 
 # rays of a run's first pass over its key pulses; the truth takes many times that

@@ -17,14 +17,14 @@ from denser_runs import DENSER, converged
 from stated_row import Row
 
 from sarmitsuba.analysis.quality.error_budget import error_budget
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.refinement.error_bars import with_error_bars
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.simulation.run import Run
+from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.simulation.execution.refinement.error_bars import with_error_bars
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.simulation.execution.run import Run
 from tests.support.unweighted import focus
 
 FREQUENCIES, RANGES, SPEEDS = (30e6, 240e9), (1.0, 900e3), (1.0, 1e4)

@@ -11,9 +11,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, TextIO
 
-from sarmitsuba.errors import GuessWarning, SarmitsubaWarning, plain_line
-from sarmitsuba.progress import Journey, Standing
-from sarmitsuba.timing import Clock
+from sarmitsuba.core.errors import GuessWarning, SarmitsubaWarning, plain_line
+from sarmitsuba.core.progress import Journey, Standing
+from sarmitsuba.core.timing import Clock
 
 if TYPE_CHECKING:
     from tqdm import tqdm

@@ -8,8 +8,8 @@ from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
 
 if TYPE_CHECKING:
-    from sarmitsuba.cost.report import CostReport
-    from sarmitsuba.io.output import OutputFolder
+    from sarmitsuba.apps.cost.report import CostReport
+    from sarmitsuba.machine.output import OutputFolder
 
 NAME = "cost"
 HELP = "measure error against run time on a scene and recommend a setting"
@@ -47,8 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Sweep the parameters, print the table, draw the plot."""
-    from sarmitsuba.errors import SceneError
-    from sarmitsuba.loader.tables import INTEGRATOR
+    from sarmitsuba.core.errors import SceneError
+    from sarmitsuba.loading.tables import INTEGRATOR
 
     INTEGRATOR["target_error_db"].check_option("--target-error", args.target_error, "cost")
     if args.budget is not None and not 0.0 < args.budget < float("inf"):
@@ -57,10 +57,10 @@ def run(args: argparse.Namespace, console: Console) -> int:
         raise SceneError(f"cost: --target-error = {args.target_error:g} dB must be below 0")
     if args.resume and not args.output:
         raise SceneError("cost: --resume needs -o OUT, the folder of the earlier study")
-    from sarmitsuba.cost.study import study_cost
-    from sarmitsuba.io.journal import remove_journal
-    from sarmitsuba.io.output import output_folder
-    from sarmitsuba.simulation.fingerprint import fingerprint
+    from sarmitsuba.apps.cost.study import study_cost
+    from sarmitsuba.machine.journal import remove_journal
+    from sarmitsuba.machine.output import output_folder
+    from sarmitsuba.simulation.execution.fingerprint import fingerprint
 
     with output_folder(args.output) if args.output else nullcontext() as folder:
         if folder is not None:
@@ -181,8 +181,8 @@ def _short(changes: object) -> str:
 
 def _check_earlier(folder: "OutputFolder", run_hash: str) -> None:
     """Raise an OutputError where the folder holds the study of another scene."""
-    from sarmitsuba.errors import OutputError
-    from sarmitsuba.io import parameter_file
+    from sarmitsuba.core.errors import OutputError
+    from sarmitsuba.machine import parameter_file
 
     if not folder.owns(RECORD):
         return
@@ -195,8 +195,8 @@ def _check_earlier(folder: "OutputFolder", run_hash: str) -> None:
 
 
 def _save(folder: "OutputFolder", report: "CostReport", name: str, run_hash: str, text: str) -> None:
-    from sarmitsuba.io import parameter_file
-    from sarmitsuba.io.atomic import atomic_path
+    from sarmitsuba.machine import parameter_file
+    from sarmitsuba.machine.atomic import atomic_path
     from sarmitsuba.view.cost import cost_figure, save_figure
 
     record = {

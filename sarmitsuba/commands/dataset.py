@@ -6,7 +6,7 @@ from contextlib import nullcontext
 
 from sarmitsuba.commands.cluster_arguments import add_cluster_argument, check_cluster_argument
 from sarmitsuba.commands.console import Console
-from sarmitsuba.errors import SarmitsubaError
+from sarmitsuba.core.errors import SarmitsubaError
 
 NAME = "dataset"
 HELP = "many labelled images of drawn scenes, from a recipe"
@@ -41,9 +41,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
     if not 0 <= args.jobs <= 4096:
         raise SarmitsubaError(f"dataset: --jobs {args.jobs} is not from 0 to 4096")
     check_cluster_argument(args)
-    from sarmitsuba.datasets.draw import Drawer
-    from sarmitsuba.datasets.generate import DATASET_FILES, GenerationPlan, generate
-    from sarmitsuba.io.output import output_folder
+    from sarmitsuba.apps.datasets.draw import Drawer
+    from sarmitsuba.apps.datasets.generate import DATASET_FILES, GenerationPlan, generate
+    from sarmitsuba.machine.output import output_folder
 
     drawer = Drawer.of(args.recipe)
     recipe = drawer.recipe
@@ -79,7 +79,7 @@ def _workers(args: argparse.Namespace):  # type: ignore[no-untyped-def]
     """Workers of the cluster in the arguments, None without."""
     if not args.cluster:
         return nullcontext()
-    from sarmitsuba.cluster.address import ClusterAddress
-    from sarmitsuba.cluster.dask_workers import open_workers
+    from sarmitsuba.apps.cluster.address import ClusterAddress
+    from sarmitsuba.apps.cluster.dask_workers import open_workers
 
     return open_workers(ClusterAddress.parse(args.cluster), getattr(args, "extension", ()))

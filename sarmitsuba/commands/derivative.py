@@ -6,7 +6,7 @@ from pathlib import Path
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
-from sarmitsuba.constants import DEFAULT_WINDOW
+from sarmitsuba.core.constants import DEFAULT_WINDOW
 
 NAME = "derivative"
 HELP = "draw how the image changes with a parameter of the scene: a wall that moves, a material's level"
@@ -45,13 +45,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Differentiate, draw, write the results; without a parameter list those of the scene."""
-    from sarmitsuba.backend import ensure_backend
-    from sarmitsuba.errors import SceneError
-    from sarmitsuba.gradients.image_derivative import image_derivative
-    from sarmitsuba.gradients.parsing import offered
-    from sarmitsuba.io import parameter_file, write_image
-    from sarmitsuba.io.output import OutputFolder, output_folder
-    from sarmitsuba.view.changed_view import ChangedView, derivative_figure
+    from sarmitsuba.apps.fit.changed_view import ChangedView, derivative_figure
+    from sarmitsuba.apps.fit.image_derivative import image_derivative
+    from sarmitsuba.apps.fit.parsing import offered
+    from sarmitsuba.core.errors import SceneError
+    from sarmitsuba.files import write_image
+    from sarmitsuba.machine import parameter_file
+    from sarmitsuba.machine.backend import ensure_backend
+    from sarmitsuba.machine.output import OutputFolder, output_folder
     from sarmitsuba.view.quicklook import save
 
     if args.parameter is None:

@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Return 0 when nothing essential is missing, else 1."""
-    from sarmitsuba.doctor import examine
+    from sarmitsuba.loading.doctor import examine
 
     report = examine()
     if args.json:

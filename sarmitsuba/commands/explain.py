@@ -6,7 +6,7 @@ import json
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
-from sarmitsuba.errors import ClusterError
+from sarmitsuba.core.errors import ClusterError
 
 NAME = "explain"
 HELP = "show the effects plan of a scene, with predicted time and memory"
@@ -44,8 +44,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
     """Print the effects plan and the prediction."""
     if args.quick:
         return _quick(args, console)
-    from sarmitsuba.backend import ensure_backend
-    from sarmitsuba.simulation.prediction.explanation import explain
+    from sarmitsuba.machine.backend import ensure_backend
+    from sarmitsuba.simulation.planning.prediction.explanation import explain
 
     if args.workers is not None and (args.workers < 1 or args.plan_only):
         raise ClusterError(
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     found = explain(scene, predicted=not args.plan_only)
     facts, text = found.as_dict(), str(found)
     if args.workers and found.prediction is not None:
-        from sarmitsuba.cluster import ClusterPlan
+        from sarmitsuba.apps.cluster import ClusterPlan
 
         plan = ClusterPlan.of(scene, found.prediction, args.workers)
         facts, text = {**facts, "cluster": plan.as_dict()}, f"{text}\n{plan}"

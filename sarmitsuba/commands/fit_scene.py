@@ -10,8 +10,8 @@ from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
 
 if TYPE_CHECKING:
-    from sarmitsuba.echo.raw_data import RawData
-    from sarmitsuba.gradients.least_squares import Prior
+    from sarmitsuba.apps.fit.least_squares import Prior
+    from sarmitsuba.signal.raw.raw_data import RawData
     from sarmitsuba.view.figure import Figure
 
 NAME = "fit"
@@ -63,13 +63,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Fit, print the table, write the results."""
-    from sarmitsuba.backend import ensure_backend
+    from sarmitsuba.apps.fit.fit import fit
+    from sarmitsuba.apps.fit.multilooked import window_of
     from sarmitsuba.commands.results import draw_into
-    from sarmitsuba.errors import SceneError
-    from sarmitsuba.gradients.fit import fit
-    from sarmitsuba.gradients.multilooked import window_of
-    from sarmitsuba.io import parameter_file, read_raw, write_raw
-    from sarmitsuba.io.output import OutputFolder, output_folder
+    from sarmitsuba.core.errors import SceneError
+    from sarmitsuba.files import read_raw, write_raw
+    from sarmitsuba.machine import parameter_file
+    from sarmitsuba.machine.backend import ensure_backend
+    from sarmitsuba.machine.output import OutputFolder, output_folder
 
     if args.iterations < 1:
         raise SceneError(f"fit: --iterations = {args.iterations} must be at least 1")
@@ -116,8 +117,8 @@ def _names(name: str, count: int) -> list[str]:
 
 
 def _picture(measured: "RawData", left: "RawData") -> "Figure":
-    from sarmitsuba.focusing import focus
-    from sarmitsuba.image.sar_image import SarImage
+    from sarmitsuba.signal.focusing import focus
+    from sarmitsuba.signal.image.sar_image import SarImage
     from sarmitsuba.view.residual import residual_picture
 
     images = [focus(replace(left, data=raw.data, layers=raw.layers)) for raw in (measured, left)]
@@ -126,8 +127,8 @@ def _picture(measured: "RawData", left: "RawData") -> "Figure":
 
 
 def _prior(text: str) -> "tuple[str, Prior]":
-    from sarmitsuba.errors import SceneError
-    from sarmitsuba.gradients.least_squares import Prior
+    from sarmitsuba.apps.fit.least_squares import Prior
+    from sarmitsuba.core.errors import SceneError
 
     name, equals, value = text.rpartition("=")
     mean, colon, sigma = value.partition(":")

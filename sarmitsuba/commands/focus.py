@@ -15,18 +15,18 @@ from sarmitsuba.commands.image_arguments import (
     add_scene_picture_arguments,
 )
 from sarmitsuba.commands.scene_arguments import pixels, scene_of_data
-from sarmitsuba.constants import DEFAULT_WINDOW
-from sarmitsuba.errors import DataError
-from sarmitsuba.timing import StageTimer
+from sarmitsuba.core.constants import DEFAULT_WINDOW
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.timing import StageTimer
 
 if TYPE_CHECKING:
-    from sarmitsuba.cluster.dask_workers import DaskWorkers
-    from sarmitsuba.echo.raw_data import RawData
-    from sarmitsuba.focusing.alternatives import Alternative
-    from sarmitsuba.focusing.focuser import Focuser
-    from sarmitsuba.io.output import OutputFolder
+    from sarmitsuba.apps.cluster.dask_workers import DaskWorkers
+    from sarmitsuba.machine.output import OutputFolder
     from sarmitsuba.radar.image_request import ImageRequest
     from sarmitsuba.radar.radar import Radar
+    from sarmitsuba.signal.focusing.alternatives import Alternative
+    from sarmitsuba.signal.focusing.focuser import Focuser
+    from sarmitsuba.signal.raw.raw_data import RawData
 
 # every focuser and their comparison; the image of the run is the reference focuser's
 _ALL, COMPARISON = "all", "focusers.png"
@@ -201,14 +201,14 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
 def check_focus_arguments(args: argparse.Namespace) -> None:
     """Raise a SarmitsubaError for an unknown focuser, window or format, before any other work; fill in defaults."""
     from sarmitsuba.commands.results import Formats
-    from sarmitsuba.focusing.focuser import DEFAULT, parse_focuser
+    from sarmitsuba.signal.focusing.focuser import DEFAULT, parse_focuser
 
     Formats.parse(args.format)
     args.focuser = DEFAULT if args.focuser is None else args.focuser
     if args.focuser not in (DEFAULT, _ALL):
         parse_focuser(args.focuser)
     if args.autofocus != "none":
-        from sarmitsuba.focusing.autofocus import parse_autofocus
+        from sarmitsuba.signal.focusing.autofocus import parse_autofocus
 
         parse_autofocus(args.autofocus)
     if args.outlines:
@@ -216,31 +216,31 @@ def check_focus_arguments(args: argparse.Namespace) -> None:
 
         check_installed()
     if args.window != DEFAULT_WINDOW:
-        from sarmitsuba.focusing.windows import parse_window
+        from sarmitsuba.signal.focusing.windows import parse_window
 
         parse_window(args.window)
 
 
 def _focusers() -> str:
-    from sarmitsuba.focusing.focuser import FOCUSERS, Auto
+    from sarmitsuba.signal.focusing.focuser import FOCUSERS, Auto
 
     return " ".join(f"{focuser.name}: {focuser.help}." for focuser in (Auto(), *FOCUSERS))
 
 
 def _autofocusers() -> str:
-    from sarmitsuba.focusing.autofocus import AUTOFOCUSERS
+    from sarmitsuba.signal.focusing.autofocus import AUTOFOCUSERS
 
     return " ".join(f"{entry.name}: {entry.help}." for entry in AUTOFOCUSERS)
 
 
 def _formats() -> str:
-    from sarmitsuba.io import FORMATS
+    from sarmitsuba.files import FORMATS
 
     return " ".join(f"{entry.name}: {entry.doc}." for entry in FORMATS)
 
 
 def _windows() -> str:
-    from sarmitsuba.focusing.windows import WINDOWS
+    from sarmitsuba.signal.focusing.windows import WINDOWS
 
     return " ".join(f"{family.syntax}: {family.doc}." for family in WINDOWS)
 
@@ -248,10 +248,10 @@ def _windows() -> str:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Focus."""
     from sarmitsuba.commands import results
-    from sarmitsuba.focusing import apply_autofocus_records, image_request
-    from sarmitsuba.io import read_raw
-    from sarmitsuba.io.output import output_folder
-    from sarmitsuba.loader.kept_paths import kept_path
+    from sarmitsuba.files import read_raw
+    from sarmitsuba.loading.kept_paths import kept_path
+    from sarmitsuba.machine.output import output_folder
+    from sarmitsuba.signal.focusing import apply_autofocus_records, image_request
 
     check_focus_arguments(args)
     formats = results.Formats.parse(args.format)
@@ -301,7 +301,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 def _run_hash_of(path: Path, raw: "RawData") -> str:
     """Run hash of raw data without one: from the file and the one it names, or from the files in the folder."""
-    from sarmitsuba.echo.raw_data import DATA_FILE
+    from sarmitsuba.signal.raw.raw_data import DATA_FILE
 
     files = sorted(path.iterdir()) if os.path.isdir(path) else [path]
     if DATA_FILE in raw.metadata:
@@ -315,12 +315,12 @@ def _run_hash_of(path: Path, raw: "RawData") -> str:
 
 def check_focusing(radar: "Radar", request: "ImageRequest", args: argparse.Namespace) -> None:
     """Raise a SarmitsubaError where the requested image cannot be focused, before its data are made or read."""
+    from sarmitsuba.analysis.labels.geometric_layers import check_labelled
     from sarmitsuba.commands import results
-    from sarmitsuba.focusing import default_grid
-    from sarmitsuba.focusing.focuser import parse_focuser
-    from sarmitsuba.focusing.motion_compensation import needs_compensation
-    from sarmitsuba.image.shown_axes import ShownAxes
-    from sarmitsuba.labelling.geometric_layers import check_labelled
+    from sarmitsuba.signal.focusing import default_grid
+    from sarmitsuba.signal.focusing.focuser import parse_focuser
+    from sarmitsuba.signal.focusing.motion_compensation import needs_compensation
+    from sarmitsuba.signal.image.shown_axes import ShownAxes
 
     radar = radar.as_recorded()
     grid = default_grid(radar, request)
@@ -357,7 +357,7 @@ def _request(raw: "RawData", args: argparse.Namespace) -> "ImageRequest | None":
     changes = {name: value for name, value in changes.items() if value is not None}
     if not changes:
         return None
-    from sarmitsuba.focusing import image_request
+    from sarmitsuba.signal.focusing import image_request
 
     return image_request(raw, changes)
 
@@ -375,14 +375,14 @@ def focus_into(
 ) -> Path:
     """Focus, write the image and its pictures into the folder, add to the record. Return the picture's path."""
     from sarmitsuba.commands import results
-    from sarmitsuba.focusing import focus
+    from sarmitsuba.signal.focusing import focus
 
     if args.focuser == _ALL:
         return _compare(folder, raw, args, console, watch, record, style, request)
     focuser: str | Focuser = args.focuser
     if workers is not None:
-        from sarmitsuba.cluster.focusing import shared
-        from sarmitsuba.focusing.focuser import parse_focuser
+        from sarmitsuba.apps.cluster.focusing import shared
+        from sarmitsuba.signal.focusing.focuser import parse_focuser
 
         focuser = shared(parse_focuser(args.focuser), workers)
     with watch.stage("focus"):
@@ -409,8 +409,8 @@ def focus_into(
         console.say(f"focuser: {facts['chosen']}")
 
     def others() -> "Sequence[Alternative]":
-        from sarmitsuba.focusing.alternatives import alternatives
-        from sarmitsuba.focusing.focuser import parse_focuser
+        from sarmitsuba.signal.focusing.alternatives import alternatives
+        from sarmitsuba.signal.focusing.focuser import parse_focuser
 
         if "motion_compensation" in facts:  # the straight track's focusers have another error
             return ()
@@ -443,8 +443,8 @@ def _compare(
 ) -> Path:
     """Focus with every focuser and draw the images side by side; the image of the run is the reference focuser's."""
     from sarmitsuba.commands import results
-    from sarmitsuba.focusing import default_grid, image_request
-    from sarmitsuba.focusing.focuser_comparison import compare_focusers
+    from sarmitsuba.signal.focusing import default_grid, image_request
+    from sarmitsuba.signal.focusing.focuser_comparison import compare_focusers
     from sarmitsuba.view.focusers import focusers_figure
 
     with watch.stage("focus"):

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sarmitsuba.errors import DataError
+from sarmitsuba.core.errors import DataError
 
 if TYPE_CHECKING:
-    from sarmitsuba.image.sar_image import SarImage
     from sarmitsuba.scene.scene import Scene
+    from sarmitsuba.signal.image.sar_image import SarImage
     from sarmitsuba.view.display import PictureOptions
     from sarmitsuba.view.figure import Figure
 
@@ -59,7 +59,7 @@ def class_argument(args: argparse.Namespace, scene: "Scene") -> dict[str, str] |
     """
     if args.classes is None:
         return None
-    from sarmitsuba.labelling.classes import checked_classes, read_classes
+    from sarmitsuba.analysis.labels.classes import checked_classes, read_classes
 
     table = read_classes(args.classes)
     checked_classes(scene, table)
@@ -90,7 +90,8 @@ class PictureStyle:
 
     Parameters
     ----------
-    axes : frame of the axes, see :class:`sarmitsuba.image.shown_axes.ShownAxes`; None: of the scene on ground grids
+    axes : frame of the axes, see :class:`sarmitsuba.signal.image.shown_axes.ShownAxes`; None: of the scene on ground
+        grids
     scene : of the image; needed only for what follows
     outlined, with_plan : draw outlines of bodies, and the scene from above beside the image
     labelled : also write labels of the image's pixels
@@ -156,14 +157,14 @@ def image_file(given: Path) -> Path:
 
 def files_of_run(folder: Path) -> tuple[Path | None, Path | None]:
     """The image and the raw data that ``render`` wrote into a folder; None for what is not there."""
-    from sarmitsuba.io import FORMATS
+    from sarmitsuba.files import FORMATS
 
     raw = [f"raw{suffix}" for entry in FORMATS if entry.read_raw for suffix in entry.suffixes]
     return _first(folder, _image_names()), _first(folder, raw)
 
 
 def _image_names() -> list[str]:
-    from sarmitsuba.io import FORMATS
+    from sarmitsuba.files import FORMATS
 
     return [f"image{suffix}" for entry in FORMATS if entry.read_image for suffix in entry.suffixes]
 

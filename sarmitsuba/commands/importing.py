@@ -114,10 +114,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Import."""
-    from sarmitsuba.errors import SceneError
-    from sarmitsuba.importing.convert import import_scene
-    from sarmitsuba.importing.facades import FacadeOptions
-    from sarmitsuba.importing.import_options import ImportOptions
+    from sarmitsuba.core.errors import SceneError
+    from sarmitsuba.loading.importing.convert import import_scene
+    from sarmitsuba.loading.importing.facades import FacadeOptions
+    from sarmitsuba.loading.importing.import_options import ImportOptions
     from sarmitsuba.radar.geodesy import Anchor
 
     if args.seed < 0:

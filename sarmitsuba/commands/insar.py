@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Render both passes and evaluate them."""
     from sarmitsuba.analysis.interferometry import second_pass
-    from sarmitsuba.errors import DataError
+    from sarmitsuba.core.errors import DataError
 
     if args.no_focus or args.page:
         raise DataError("insar: --no-focus and --page belong to render; leave them out")

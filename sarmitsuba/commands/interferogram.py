@@ -15,7 +15,7 @@ from sarmitsuba.commands.image_arguments import files_of_run, image_file
 
 if TYPE_CHECKING:
     from sarmitsuba.analysis.interferometry import HeightMap, Interferogram
-    from sarmitsuba.image.sar_image import SarImage
+    from sarmitsuba.signal.image.sar_image import SarImage
 
 NAME = "interferogram"
 HELP = "phase, coherence, baselines and heights from two runs of one scene"
@@ -72,8 +72,8 @@ def add_pair_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Evaluate the pair."""
-    from sarmitsuba.io import read_image
-    from sarmitsuba.io.output import OutputFolder
+    from sarmitsuba.files import read_image
+    from sarmitsuba.machine.output import OutputFolder
 
     OutputFolder(_target(args)).check_names((RECORD, PICTURE))
     first = read_image(image_file(Path(args.first)))
@@ -90,9 +90,10 @@ def _evaluate(
 
     from sarmitsuba.analysis.interferometry import height_map, interferogram, unwrapped_phase
     from sarmitsuba.commands.results import draw_into
-    from sarmitsuba.io import parameter_file, write_image
-    from sarmitsuba.io.atomic import atomic_path
-    from sarmitsuba.io.output import output_folder
+    from sarmitsuba.files import write_image
+    from sarmitsuba.machine import parameter_file
+    from sarmitsuba.machine.atomic import atomic_path
+    from sarmitsuba.machine.output import output_folder
     from sarmitsuba.view.fringes import interferogram_figure
 
     pair = interferogram(
@@ -136,10 +137,10 @@ def _second(given: Path, first: "SarImage", channel: str | None, console: Consol
     It is the stored image, or one channel of the raw data focused with the first image's windows.
     """
     from sarmitsuba.analysis.interferometry.interferogram import same_grid
-    from sarmitsuba.echo.raw_data import Layer
-    from sarmitsuba.errors import DataError
-    from sarmitsuba.focusing import focus
-    from sarmitsuba.io import read_image, read_raw
+    from sarmitsuba.core.errors import DataError
+    from sarmitsuba.files import read_image, read_raw
+    from sarmitsuba.signal.focusing import focus
+    from sarmitsuba.signal.raw.raw_data import Layer
 
     found, raw = files_of_run(given) if os.path.isdir(given) else (given, None)
     if found is not None or raw is None:

@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
-from sarmitsuba.io.output import OutputFolder
+from sarmitsuba.machine.output import OutputFolder
 
 if TYPE_CHECKING:
-    from sarmitsuba.image.labels import Labels
-    from sarmitsuba.image.sar_image import SarImage
     from sarmitsuba.scene.scene import Scene
+    from sarmitsuba.signal.image.labels import Labels
+    from sarmitsuba.signal.image.sar_image import SarImage
 
 LABELS, COCO, PIXELS = "labels.h5", "labels.json", "labels_pixels.png"
 # pictures over the image, of a layer each
@@ -40,10 +40,10 @@ def save_labels(
     geotiff: bool,
 ) -> "Labels":
     """Label the pixels of an image and write the labels: HDF5, COCO, masks as PNG, and on a map as GeoTIFF."""
-    from sarmitsuba.io.catalog.geotiff import write_layer
-    from sarmitsuba.io.coco import write_coco
-    from sarmitsuba.io.labels_file import write_labels
-    from sarmitsuba.labelling import labels
+    from sarmitsuba.analysis.labels import labels
+    from sarmitsuba.files.catalog.geotiff import write_layer
+    from sarmitsuba.files.coco import write_coco
+    from sarmitsuba.files.labels_file import write_labels
     from sarmitsuba.view.labels_picture import write_mask, write_pixels
 
     found = labels(scene, image=image, classes=classes)

@@ -8,7 +8,7 @@ import json
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
-from sarmitsuba.constants import DEFAULT_WINDOW
+from sarmitsuba.core.constants import DEFAULT_WINDOW
 
 NAME = "link"
 HELP = "compute the link budget of a scene's radar (SNR, NESZ, PRF bounds, ambiguities, data volume) before tracing"
@@ -43,9 +43,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Print the link budget."""
-    from sarmitsuba.backend import ensure_backend
-    from sarmitsuba.errors import RadarError
-    from sarmitsuba.link import link_budget
+    from sarmitsuba.analysis.link import link_budget
+    from sarmitsuba.core.errors import RadarError
+    from sarmitsuba.machine.backend import ensure_backend
 
     if not args.rcs > 0.0:
         raise RadarError(f"link: --rcs = {args.rcs:g} m^2 must be above 0")

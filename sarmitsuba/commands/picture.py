@@ -81,8 +81,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def scene_of(folder: Path, *, allow_outside: bool) -> "Scene":
     """Scene of the run in a folder, loaded again for its pictures."""
-    from sarmitsuba.backend import ensure_backend
-    from sarmitsuba.page.run_folder import scene_of_run
+    from sarmitsuba.machine.backend import ensure_backend
+    from sarmitsuba.view.page.run_folder import scene_of_run
 
     ensure_backend()
     return scene_of_run(folder, allow_outside=allow_outside)
@@ -91,8 +91,8 @@ def scene_of(folder: Path, *, allow_outside: bool) -> "Scene":
 def run(args: argparse.Namespace, console: Console) -> int:
     """Draw."""
     from sarmitsuba.commands.results import picture_name
-    from sarmitsuba.io import read_image
-    from sarmitsuba.io.output import OutputFile, OutputFolder
+    from sarmitsuba.files import read_image
+    from sarmitsuba.machine.output import OutputFile, OutputFolder
     from sarmitsuba.view.display import PictureOptions
     from sarmitsuba.view.quicklook import picture_format, save
 

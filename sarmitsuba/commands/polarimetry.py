@@ -61,8 +61,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
         quad_pol,
     )
     from sarmitsuba.commands.results import draw_into
-    from sarmitsuba.io import parameter_file, read_image
-    from sarmitsuba.io.output import OutputFolder, output_folder
+    from sarmitsuba.files import read_image
+    from sarmitsuba.machine import parameter_file
+    from sarmitsuba.machine.output import OutputFolder, output_folder
     from sarmitsuba.view.polarimetric_maps import composite_figure, maps_figure, plane_figure
 
     source = image_file(Path(args.image))

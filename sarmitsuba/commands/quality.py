@@ -69,10 +69,11 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
     from sarmitsuba.analysis.quality import Area, KnownPoint, image_quality
     from sarmitsuba.commands.results import draw_into
-    from sarmitsuba.errors import DataError
-    from sarmitsuba.image.shown_axes import ShownAxes
-    from sarmitsuba.io import parameter_file, read_image
-    from sarmitsuba.io.output import OutputFolder, output_folder
+    from sarmitsuba.core.errors import DataError
+    from sarmitsuba.files import read_image
+    from sarmitsuba.machine import parameter_file
+    from sarmitsuba.machine.output import OutputFolder, output_folder
+    from sarmitsuba.signal.image.shown_axes import ShownAxes
     from sarmitsuba.view.response import quality_figure
 
     source = image_file(Path(args.image))

@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of, scene_record
-from sarmitsuba.constants import DEFAULT_WINDOW
-from sarmitsuba.errors import DataError
-from sarmitsuba.timing import StageTimer
+from sarmitsuba.core.constants import DEFAULT_WINDOW
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.timing import StageTimer
 
 if TYPE_CHECKING:
-    from sarmitsuba.arrays import F64
-    from sarmitsuba.image.sar_image import SarImage
-    from sarmitsuba.io.output import OutputFolder
+    from sarmitsuba.core.arrays import F64
+    from sarmitsuba.machine.output import OutputFolder
     from sarmitsuba.scene.scene import Scene
-    from sarmitsuba.simulation.turntable import Aspects, RcsSweep
+    from sarmitsuba.signal.image.sar_image import SarImage
+    from sarmitsuba.simulation.execution.turntable import Aspects, RcsSweep
 
 NAME = "rcs"
 HELP = "radar cross section of a target over azimuth or elevation, and its image from the sweep"
@@ -104,12 +104,12 @@ def run(args: argparse.Namespace, console: Console) -> int:
     """Sweep."""
     from sarmitsuba.commands import results
     from sarmitsuba.commands.view import PAGE
-    from sarmitsuba.focusing.windows import parse_window
-    from sarmitsuba.io.output import output_folder
-    from sarmitsuba.loader.assemble import NO_CLUTTER
+    from sarmitsuba.loading.assemble import NO_CLUTTER
+    from sarmitsuba.machine.output import output_folder
     from sarmitsuba.radar.polarisation import read_channels
-    from sarmitsuba.simulation.turntable import rcs_sweep
-    from sarmitsuba.simulation.turntable_image import image_refusal
+    from sarmitsuba.signal.focusing.windows import parse_window
+    from sarmitsuba.simulation.execution.turntable import rcs_sweep
+    from sarmitsuba.simulation.execution.turntable_image import image_refusal
 
     aspects = _aspects(args)
     channels = read_channels(args.pol, "rcs")
@@ -117,7 +117,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     _check_numbers(args)
     watch = StageTimer()
     with output_folder(args.output or f"rcs_{Path(args.scene).stem}") as folder:
-        from sarmitsuba.backend import ensure_backend
+        from sarmitsuba.machine.backend import ensure_backend
 
         with watch.stage("start"):
             backend = ensure_backend()
@@ -184,7 +184,7 @@ def _aspects(args: argparse.Namespace) -> "Aspects":
     """
     import numpy as np
 
-    from sarmitsuba.simulation.turntable import Aspects
+    from sarmitsuba.simulation.execution.turntable import Aspects
 
     azimuth, elevation = np.array(args.azimuth), np.array(args.elevation)
     if azimuth.size > 1 and elevation.size > 1:
@@ -203,7 +203,7 @@ def _aspects(args: argparse.Namespace) -> "Aspects":
 
 def _check_numbers(args: argparse.Namespace) -> None:
     """Raise a SceneError for an option outside the bounds that the parameter of the same meaning has in a scene."""
-    from sarmitsuba.loader.tables import INTEGRATOR, SENSOR
+    from sarmitsuba.loading.tables import INTEGRATOR, SENSOR
 
     INTEGRATOR["max_depth"].check_option("--max-depth", args.max_depth, "rcs")
     INTEGRATOR["seed"].check_option("--seed", args.seed, "rcs")
@@ -213,7 +213,7 @@ def _check_numbers(args: argparse.Namespace) -> None:
 
 def _scene(args: argparse.Namespace, console: Console) -> "Scene":
     """The scene at the frequency asked for; a mesh without a radar gets one."""
-    from sarmitsuba.loader.from_mesh import is_mesh_file
+    from sarmitsuba.loading.from_mesh import is_mesh_file
     from sarmitsuba.radar.bands import BANDS
 
     frequency = BANDS[args.band] if args.band else args.frequency
@@ -238,7 +238,7 @@ def _scene(args: argparse.Namespace, console: Console) -> "Scene":
 
 def _run_hash(scene: "Scene", args: argparse.Namespace, aspects: "Aspects") -> str:
     """Run hash: everything that the results depend on."""
-    from sarmitsuba.simulation.fingerprint import fingerprint
+    from sarmitsuba.simulation.execution.fingerprint import fingerprint
 
     angles = hashlib.sha256(aspects.directions.tobytes()).hexdigest()
     asked = (args.pol, args.bandwidth, args.window, args.no_image)
@@ -271,7 +271,7 @@ def _write(folder: "OutputFolder", scene: "Scene", sweep: "RcsSweep", console: C
     import numpy as np
 
     from sarmitsuba.commands.results import draw_into
-    from sarmitsuba.io.atomic import atomic_path
+    from sarmitsuba.machine.atomic import atomic_path
     from sarmitsuba.view.polar import AspectCurves, aspect_figure
 
     table = table_of(sweep)
@@ -346,10 +346,10 @@ def _image(
 ) -> "SarImage":
     """Render the image of the target from its aspects, write it with its pictures, and return it."""
     from sarmitsuba.commands import results
-    from sarmitsuba.io import write_image
-    from sarmitsuba.simulation.render import render
-    from sarmitsuba.simulation.run import Run
-    from sarmitsuba.simulation.turntable_image import turntable_scene
+    from sarmitsuba.files import write_image
+    from sarmitsuba.simulation.execution.render import render
+    from sarmitsuba.simulation.execution.run import Run
+    from sarmitsuba.simulation.execution.turntable_image import turntable_scene
     from sarmitsuba.view.display import PictureOptions
     from sarmitsuba.view.quicklook import quicklook
 
@@ -395,8 +395,8 @@ def _page(
 ) -> None:
     """Write the page."""
     from sarmitsuba.commands.view import PAGE
-    from sarmitsuba.page import rcs_payload
-    from sarmitsuba.page.write import write_page
+    from sarmitsuba.view.page import rcs_payload
+    from sarmitsuba.view.page.write import write_page
 
     with folder.writing(PAGE) as path:
         write_page(path, rcs_payload.rcs_payload(scene, sweep, image), rcs_payload.PAGE)

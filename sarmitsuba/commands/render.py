@@ -12,15 +12,15 @@ from sarmitsuba.commands.focus import add_focus_arguments, check_focus_arguments
 from sarmitsuba.commands.image_arguments import PictureStyle, add_scene_picture_arguments, class_argument
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, pixels, scene_of, scene_record
 from sarmitsuba.commands.view import PAGE, view_folder
-from sarmitsuba.errors import DataError, RadarError
-from sarmitsuba.timing import StageTimer
+from sarmitsuba.core.errors import DataError, RadarError
+from sarmitsuba.core.timing import StageTimer
 
 if TYPE_CHECKING:
-    from sarmitsuba.cluster.dask_workers import DaskWorkers
-    from sarmitsuba.echo.raw_data import RawData
-    from sarmitsuba.io.output import OutputFolder
+    from sarmitsuba.apps.cluster.dask_workers import DaskWorkers
+    from sarmitsuba.machine.output import OutputFolder
     from sarmitsuba.scene.scene import Scene
-    from sarmitsuba.simulation.run import Ready, Run
+    from sarmitsuba.signal.raw.raw_data import RawData
+    from sarmitsuba.simulation.execution.run import Ready, Run
 
 NAME = "render"
 HELP = "simulate a scene and focus it"
@@ -90,14 +90,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Render."""
     from sarmitsuba.commands import results
-    from sarmitsuba.io.output import output_folder
+    from sarmitsuba.machine.output import output_folder
 
     check_focus_arguments(args)
     _check_settings(args)
     check_cluster_argument(args)
     watch = StageTimer()
     with output_folder(args.output) as folder:
-        from sarmitsuba.backend import ensure_backend
+        from sarmitsuba.machine.backend import ensure_backend
 
         with watch.stage("start"):
             backend = ensure_backend()
@@ -136,7 +136,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 def _check_settings(args: argparse.Namespace) -> None:
     """Raise a SceneError for an option outside the bounds that the parameter of the same meaning has in a scene."""
-    from sarmitsuba.loader.tables import INTEGRATOR
+    from sarmitsuba.loading.tables import INTEGRATOR
 
     for option, value in (
         ("seed", args.seed),
@@ -149,7 +149,7 @@ def _check_settings(args: argparse.Namespace) -> None:
 
 def _scene_with_settings(args: argparse.Namespace) -> "Scene":
     """The scene with the settings of the command line."""
-    from sarmitsuba.simulation.prediction.speed import glance
+    from sarmitsuba.simulation.planning.prediction.speed import glance
 
     glance()  # as early as possible, for the prediction
     if args.pixels:
@@ -172,7 +172,7 @@ def _scene_with_settings(args: argparse.Namespace) -> "Scene":
 def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Namespace) -> str:
     """Raise a SarmitsubaError for whatever would stop the run after its simulation. Return its run hash."""
     from sarmitsuba.commands import results
-    from sarmitsuba.simulation.fingerprint import fingerprint
+    from sarmitsuba.simulation.execution.fingerprint import fingerprint
 
     settings = scene.settings
     settings.check(scene.name, raw=args.no_focus or args.raw != "compressed")
@@ -225,8 +225,8 @@ def _raw_and_image(
 ) -> Path:
     """Make the raw data or reuse saved ones, write and focus them. Return the path of the picture or the raw data."""
     from sarmitsuba.commands import results
-    from sarmitsuba.echo.chirp import to_chirped
-    from sarmitsuba.io.journal import remove_journal
+    from sarmitsuba.machine.journal import remove_journal
+    from sarmitsuba.signal.raw.chirp import to_chirped
 
     formats = results.Formats.parse(args.format)
     found = None
@@ -265,7 +265,7 @@ def _announcing(
 ) -> "Ready":
     """Print the predicted time and the effects of a run before tracing; ``limit``: time limit of several passes, s."""
     from sarmitsuba.commands import results
-    from sarmitsuba.echo.chirp import n_fast_chirped
+    from sarmitsuba.signal.raw.chirp import n_fast_chirped
 
     console.busy("building the geometry and planning")
 
@@ -303,8 +303,8 @@ def _simulate(
 ) -> "RawData":
     """Return the raw data of one pass, or of as many passes as the target error or the time limit asks for."""
     from sarmitsuba.commands import results
-    from sarmitsuba.io.journal import remove_journal
-    from sarmitsuba.simulation.render import RenderOptions, execute
+    from sarmitsuba.machine.journal import remove_journal
+    from sarmitsuba.simulation.execution.render import RenderOptions, execute
 
     settings = scene.settings
     state, limit = folder.path / results.BLOCKS, None
@@ -356,7 +356,7 @@ def _image_only(
 ) -> Path:
     """Simulate the image without raw data and write it. Return the picture's path."""
     from sarmitsuba.commands import results
-    from sarmitsuba.simulation.render import render
+    from sarmitsuba.simulation.execution.render import render
 
     with watch.stage("simulate"):
         image = render(

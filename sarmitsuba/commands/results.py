@@ -17,21 +17,22 @@ from sarmitsuba.analysis.quality.account import Account, StageTime, account
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.image_arguments import PictureStyle
 from sarmitsuba.commands.label_files import PICTURES, label_names, save_labels
-from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.errors import DataError, SarmitsubaError
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.io import FORMATS, FileFormat, parameter_file, read_raw, write_image, write_raw
-from sarmitsuba.io.output import OutputFolder
-from sarmitsuba.parameters import one_line
+from sarmitsuba.core.errors import DataError, SarmitsubaError
+from sarmitsuba.core.parameters import one_line
+from sarmitsuba.core.timing import StageTimer
+from sarmitsuba.files import FORMATS, FileFormat, read_raw, write_image, write_raw
+from sarmitsuba.machine import parameter_file
+from sarmitsuba.machine.output import OutputFolder
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.simulation.refinement.error_bars import with_error_bars
-from sarmitsuba.timing import StageTimer
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.simulation.execution.refinement.error_bars import with_error_bars
 from sarmitsuba.view.display import LARGEST, SMALLEST, PictureOptions, magnification
 
 if TYPE_CHECKING:
-    from sarmitsuba.focusing.alternatives import Alternative
     from sarmitsuba.scene.scene import Scene
-    from sarmitsuba.simulation.prediction.needs import Needs
+    from sarmitsuba.signal.focusing.alternatives import Alternative
+    from sarmitsuba.simulation.planning.prediction.needs import Needs
     from sarmitsuba.view.quicklook import Drawing
 
 CHART = "accuracy.png"  # error by cause and time by stage
@@ -127,8 +128,8 @@ def least_bytes(scene: "Scene", formats: Formats, *, raw: bool, image: bool, chi
 
     Raw data count twice, for their finished blocks; ``chirped`` ones are longer by the pulse.
     """
-    from sarmitsuba.echo.chirp import n_fast_chirped
-    from sarmitsuba.focusing import default_grid
+    from sarmitsuba.signal.focusing import default_grid
+    from sarmitsuba.signal.raw.chirp import n_fast_chirped
 
     subsets = scene.settings.keep_subsets and scene.traced
     planes = len(scene.radar.channels) * (3 if subsets else 1)

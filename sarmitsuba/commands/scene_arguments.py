@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypedDict
 
-from sarmitsuba.errors import DataError
+from sarmitsuba.core.errors import DataError
 
 if TYPE_CHECKING:
     from sarmitsuba.radar.radar import Radar
@@ -85,15 +85,15 @@ def pixels(text: str) -> tuple[int, int]:
 
 def scene_of(args: argparse.Namespace) -> "Scene":
     """Load the scene that the arguments name."""
-    from sarmitsuba.loader.library import resolve_radar
-    from sarmitsuba.loader.load import load_scene
+    from sarmitsuba.loading.library import resolve_radar
+    from sarmitsuba.loading.load import load_scene
 
     radar = resolve_radar(args.radar) if args.radar else None
     if args.smooth:
         args.define = [*args.define, ("sar_path.smooth", "true")]
     mesh, told = None, mesh_record(args)
     if told is not None:
-        from sarmitsuba.loader.from_mesh import MeshOptions
+        from sarmitsuba.loading.from_mesh import MeshOptions
 
         mesh = MeshOptions(**told)
     return load_scene(
@@ -108,9 +108,9 @@ def scene_of(args: argparse.Namespace) -> "Scene":
 
 def scene_record(args: argparse.Namespace, scene: "Scene", folder: Path) -> dict[str, object]:
     """Where the scene of a run came from, for its record in ``folder``: files as seen from there, and a hash."""
-    from sarmitsuba.loader.kept_paths import kept_path
-    from sarmitsuba.loader.library import resolve_radar
-    from sarmitsuba.simulation.fingerprint import shapes_hash
+    from sarmitsuba.loading.kept_paths import kept_path
+    from sarmitsuba.loading.library import resolve_radar
+    from sarmitsuba.simulation.execution.fingerprint import shapes_hash
 
     return {
         "scene": kept_path(scene.path, folder) if scene.path else scene.name,
@@ -150,7 +150,7 @@ def definition(text: str) -> tuple[str, str]:
 
 def material_choice(text: str) -> tuple[str, str]:
     """Name and material of an argument ``NAME=MATERIAL``; a material alone is that of all names."""
-    from sarmitsuba.loader.names_of_materials import EVERY
+    from sarmitsuba.loading.names_of_materials import EVERY
 
     return definition(text if "=" in text else f"{EVERY}={text}")
 
@@ -165,9 +165,9 @@ def scene_of_data(args: argparse.Namespace, radar: "Radar") -> "Scene":
     """
     import numpy as np
 
-    from sarmitsuba.backend import ensure_backend
     from sarmitsuba.commands.picture import scene_of
-    from sarmitsuba.loader.load import load_scene
+    from sarmitsuba.loading.load import load_scene
+    from sarmitsuba.machine.backend import ensure_backend
 
     if not args.scene:
         return scene_of(Path(args.raw).parent, allow_outside=args.allow_outside)

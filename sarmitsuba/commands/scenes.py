@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 from sarmitsuba.commands.console import Console
-from sarmitsuba.errors import OutputError, SceneError
+from sarmitsuba.core.errors import OutputError, SceneError
 
 NAME = "scenes"
 HELP = "list or copy the shipped scenes"
@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """List or copy."""
-    from sarmitsuba.loader import library
+    from sarmitsuba.loading import library
 
     if args.copy:
         name, target = args.copy
@@ -50,9 +50,9 @@ def copy_scene(scene: Path, target: Path) -> list[Path]:
     OutputError
         One of the files exists already, or cannot be written. Nothing is copied then.
     """
-    from sarmitsuba.io.atomic import atomic_path, make_folder
-    from sarmitsuba.loader.references import document_files
-    from sarmitsuba.regular_files import is_inside
+    from sarmitsuba.loading.references import document_files
+    from sarmitsuba.machine.atomic import atomic_path, make_folder
+    from sarmitsuba.machine.regular_files import is_inside
 
     root = Path(os.path.realpath(scene.parent))
     sources = document_files(scene, strict=True)

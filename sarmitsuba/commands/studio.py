@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from sarmitsuba.commands.console import Console
-from sarmitsuba.errors import SarmitsubaError
+from sarmitsuba.core.errors import SarmitsubaError
 
 NAME = "studio"
 HELP = "a live page with sliders for look angle, heading, mode, band, resolution, bounces, materials and size"
@@ -35,14 +35,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Serve until Ctrl-C."""
-    from sarmitsuba.backend import ensure_backend
-    from sarmitsuba.io.output import output_folder
-    from sarmitsuba.unfinished import removed_if_stopped
+    from sarmitsuba.machine.backend import ensure_backend
+    from sarmitsuba.machine.output import output_folder
+    from sarmitsuba.machine.unfinished import removed_if_stopped
 
     if not 1 <= args.port <= 65535:
         raise SarmitsubaError(f"studio: --port {args.port} is not from 1 to 65535")
     try:
-        from sarmitsuba.studio.server import Studio
+        from sarmitsuba.apps.studio.server import Studio
     except ImportError as error:
         raise SarmitsubaError(
             f"studio: {error.name} is missing; install it with pip install sarmitsuba[studio]"

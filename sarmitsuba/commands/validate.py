@@ -12,8 +12,8 @@ import sarmitsuba
 from sarmitsuba.commands.console import Console
 
 if TYPE_CHECKING:
-    from sarmitsuba.io.output import OutputFolder
-    from sarmitsuba.validation.cases import CaseEntry
+    from sarmitsuba.machine.output import OutputFolder
+    from sarmitsuba.truth.validation.cases import CaseEntry
 
 NAME = "validate"
 HELP = "compare the simulator with closed forms and write the validation page"
@@ -47,9 +47,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Run cases; exit status 1 when a comparison is out of tolerance."""
-    from sarmitsuba.io.output import output_folder
-    from sarmitsuba.validation.cases import CASES
-    from sarmitsuba.validation.run_cases import select
+    from sarmitsuba.machine.output import output_folder
+    from sarmitsuba.truth.validation.cases import CASES
+    from sarmitsuba.truth.validation.run_cases import select
 
     entries = select(args.case, args.topic)
     if args.list:
@@ -81,10 +81,10 @@ def _validate(
     console: Console,
 ) -> int:
     """Run the cases and write their results."""
-    from sarmitsuba.validation.comparison import Case
-    from sarmitsuba.validation.figures import plot_case
-    from sarmitsuba.validation.markdown_page import report, summary_lines, write
-    from sarmitsuba.validation.run_cases import run_case
+    from sarmitsuba.truth.validation.comparison import Case
+    from sarmitsuba.truth.validation.figures import plot_case
+    from sarmitsuba.truth.validation.markdown_page import report, summary_lines, write
+    from sarmitsuba.truth.validation.run_cases import run_case
 
     cases: list[Case] = []
     for i, entry in enumerate(entries):

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from sarmitsuba.commands.console import Console
 
 if TYPE_CHECKING:
-    from sarmitsuba.io.output import OutputFolder
-    from sarmitsuba.page.payload import Value
+    from sarmitsuba.machine.output import OutputFolder
+    from sarmitsuba.view.page.payload import Value
 
 NAME = "view"
 HELP = "write a web page that shows a run in 3-D"
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Write the page."""
-    from sarmitsuba.io.output import OutputFile, OutputFolder
+    from sarmitsuba.machine.output import OutputFile, OutputFolder
 
     folders = [Path(folder) for folder in args.folders]
     if args.output:
@@ -75,8 +75,8 @@ def view_folder(
 def _payload(
     folders: list[Path], channel: str | None, console: Console, allow_outside: bool
 ) -> "dict[str, Value]":
-    from sarmitsuba.page.payload import page_payload
-    from sarmitsuba.page.run_folder import read_run
+    from sarmitsuba.view.page.payload import page_payload
+    from sarmitsuba.view.page.run_folder import read_run
 
     runs = [read_run(folder, allow_outside=allow_outside) for folder in folders]
     for run_folder in runs:
@@ -86,6 +86,6 @@ def _payload(
 
 
 def _write(target: Path, payload: "dict[str, Value]") -> None:
-    from sarmitsuba.page.write import write_page
+    from sarmitsuba.view.page.write import write_page
 
     write_page(target, payload)

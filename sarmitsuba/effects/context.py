@@ -5,12 +5,12 @@ from functools import cached_property
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.boxes import box_corners
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.boxes import box_corners
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.effects.slabs_between import seen_through
-from sarmitsuba.materials.map_materials import with_parts
-from sarmitsuba.materials.material import Material
+from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 
 # limit for the return left out in a single resolution cell, relative to the clutter, dB: a hundredth of the power of
@@ -103,7 +103,7 @@ class PilotResult:
     incident : (n_orders,) float64, mean share of a random patch's launched power that is incident at each bounce
     in_phase, in_phase_deviation : (n_orders,) float64, m^2; mean power of a patch with which patches that do not
         interfere would have the image energy of the coherent returns, which add up over a resolution cell, and that
-        mean's standard error; see :mod:`sarmitsuba.simulation.in_phase`
+        mean's standard error; see :mod:`sarmitsuba.simulation.execution.in_phase`
     patch_area : m^2 across the line of sight, effective: of the taper's power; NaN if not known
     lit_area : m^2 across the line of sight, over which random patches are distributed; NaN if not known
     """

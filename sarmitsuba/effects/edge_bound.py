@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.materials.wedge import LARGEST_FRINGE, fringe_bound
-from sarmitsuba.mesh.sharp_edges import SharpEdges
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.scene.materials.wedge import LARGEST_FRINGE, fringe_bound
+from sarmitsuba.scene.mesh.sharp_edges import SharpEdges
 
 # margin of the fringe coefficients between two examined positions, amplitude
 MARGIN = 1.15
@@ -62,7 +62,8 @@ def edge_bounds(
         \right\rangle, \quad g = \tfrac12 \hat t \cdot (\hat u + \hat v)
 
     with the least :math:`|g|` at both ends of the edge and over all directions between two examined positions, and
-    :math:`|S|` of :func:`sarmitsuba.materials.wedge.fringe_bound`. A cell holds the part :math:`l_\mathrm{cell}` of an
+    :math:`|S|` of :func:`sarmitsuba.scene.materials.wedge.fringe_bound`. A cell holds the part :math:`l_\mathrm{cell}`
+    of an
     edge, limited by its extent in range and along azimuth. The energy is the mean over the intervals between examined
     positions, in which g changes by :math:`\Delta g`: by Parseval's theorem the mean of :math:`l^2
     \mathrm{sinc}^2(k g l)` over g is at most :math:`\pi l / (k |\Delta g|)`.
@@ -145,8 +146,8 @@ def _examine(
 def _plate(edges: SharpEdges, wavenumber: float) -> F64:
     r"""Largest amplitude (n,) that the thickness of plates adds to their rims, unit of ``fringe_bound``.
 
-    By the displacement of :class:`sarmitsuba.trace.plate_rims.PlateRim`, with :math:`b \ln(1 / b) < 0.4` for every
-    sine b, and physical optics on the narrow face.
+    By the displacement of :class:`sarmitsuba.tracing.scatterers.edges.plate_rims.PlateRim`, with :math:`b \ln(1 / b) <
+    0.4` for every sine b, and physical optics on the narrow face.
     """
     t = wavenumber * edges.thickness
     thick = np.where(t > 0.0, t, 1.0)

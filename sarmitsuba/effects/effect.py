@@ -7,9 +7,9 @@ from math import isfinite, isnan
 from types import MappingProxyType
 from typing import ClassVar
 
+from sarmitsuba.core.registry import Registry
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.flags import FlagValue
-from sarmitsuba.registry import Registry
 from sarmitsuba.scene.scene import Scene
 
 _NO_FLAGS: Mapping[str, str] = MappingProxyType({})

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import F64
+from sarmitsuba.core.arrays import F64
 from sarmitsuba.effects.context import PilotResult, SceneContext
-from sarmitsuba.materials.diffuse import diffuse_tables
-from sarmitsuba.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.diffuse import diffuse_tables
+from sarmitsuba.scene.materials.map_materials import with_parts
 
 # nodes of the table of sigma0, 0 to 90 degrees
 _NODES = 91

@@ -12,14 +12,14 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import C128, F64, I64
+from sarmitsuba.core.arrays import C128, F64, I64
+from sarmitsuba.core.witness import Witness
 from sarmitsuba.effects.omitted_waves import polarisation_vectors
-from sarmitsuba.mesh.connected import connected
-from sarmitsuba.mesh.edge_pairs import edge_pairs
-from sarmitsuba.mesh.sharp_edges import WIDEST_GAP
-from sarmitsuba.mesh.welding import weld
 from sarmitsuba.radar.polarisation import linear_parts
-from sarmitsuba.witness import Witness
+from sarmitsuba.scene.mesh.connected import connected
+from sarmitsuba.scene.mesh.edge_pairs import edge_pairs
+from sarmitsuba.scene.mesh.sharp_edges import WIDEST_GAP
+from sarmitsuba.scene.mesh.welding import weld
 
 # rad, angles between two faces that are taken as a fold, and how near to a right angle rays are right
 SHARPEST, FLATTEST, ABOUT_RIGHT = math.radians(20.0), math.radians(155.0), math.radians(0.25)
@@ -400,8 +400,8 @@ def section_by_rays(
     r"""The same by the simulator's rays in the limit of dense ones, (2, m), :math:`\sqrt m`.
 
     Plane waves mirrored from face to face, each part of them closed by physical optics where it hits; double bounces
-    with the weights of :func:`sarmitsuba.trace.corners.corner_share`, whose reaches do not depend on the ray here; the
-    fringe waves of the far ends, straight.
+    with the weights of :func:`sarmitsuba.tracing.scatterers.corners.metal_corners.corner_share`, whose reaches do not
+    depend on the ray here; the fringe waves of the far ends, straight.
 
     Parameters
     ----------
@@ -503,7 +503,8 @@ def _fringe(n: float, phi: F64) -> tuple[F64, F64]:
     .. math:: f = -\tfrac12 \sum_{a, b} \left[C(\tfrac\pi2) \pm C(\phi - \tfrac\pi2)\right], \quad
         C(x) = \tfrac1N \cot\tfrac xN - U \cot x
 
-    the sum of :class:`sarmitsuba.trace.edges.FringeCurrents` squarely to the edge, with the angle off each face.
+    the sum of :class:`sarmitsuba.tracing.scatterers.edges.diffraction.FringeCurrents` squarely to the edge, with the
+    angle off each face.
 
     Parameters
     ----------
@@ -525,7 +526,7 @@ def _fringe(n: float, phi: F64) -> tuple[F64, F64]:
 
 
 def _along_sheet(cosine: F64, width: float) -> C128:
-    """Factor Q (m,) of :class:`sarmitsuba.trace.edges.FringeCurrents` in backscatter off the rim of a sheet.
+    """Factor Q (m,) of :class:`.edges.diffraction.FringeCurrents` in backscatter off the rim of a sheet.
 
     ``cosine`` of the angle between direction and sheet, ``width`` of the sheet times the wavenumber.
     """

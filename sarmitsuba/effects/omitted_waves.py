@@ -7,14 +7,14 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.arrays import F64, I64
-from sarmitsuba.mesh.connected import connected
-from sarmitsuba.mesh.curvature import facet_curvature
-from sarmitsuba.mesh.edge_pairs import edge_pairs
-from sarmitsuba.mesh.pieces import SMOOTH_BEND, piece_of
-from sarmitsuba.mesh.sharp_edges import WIDEST_GAP, SharpEdges, sharp_edges
-from sarmitsuba.mesh.thin_rims import ONE_EDGE
-from sarmitsuba.mesh.welding import weld
+from sarmitsuba.core.arrays import F64, I64
+from sarmitsuba.scene.mesh.connected import connected
+from sarmitsuba.scene.mesh.curvature import facet_curvature
+from sarmitsuba.scene.mesh.edge_pairs import edge_pairs
+from sarmitsuba.scene.mesh.pieces import SMOOTH_BEND, piece_of
+from sarmitsuba.scene.mesh.sharp_edges import WIDEST_GAP, SharpEdges, sharp_edges
+from sarmitsuba.scene.mesh.thin_rims import ONE_EDGE
+from sarmitsuba.scene.mesh.welding import weld
 
 # lines that are evaluated at most: of more, curved ones are thinned out
 MOST_LINES = 3000

@@ -7,15 +7,15 @@ from typing import TypedDict
 
 import numpy as np
 
+from sarmitsuba.core.errors import ExtensionError, SarmitsubaWarning, SceneError
+from sarmitsuba.core.parameters import filled
+from sarmitsuba.core.registry import Calling, checked_type
 from sarmitsuba.effects.catalog.max_depth import DEEPEST, DEFAULT_DEPTH
 from sarmitsuba.effects.catalog.wideband import LEAST_SUB_BANDS
 from sarmitsuba.effects.context import PairLevel, PilotResult, SamplingFacts, SceneContext
 from sarmitsuba.effects.effect import Assessment, Decision, Effect, effects, switchable_effects
 from sarmitsuba.effects.flags import FlagValue, KernelFlags
 from sarmitsuba.effects.shape import ShapeAnalysis
-from sarmitsuba.errors import ExtensionError, SarmitsubaWarning, SceneError
-from sarmitsuba.parameters import filled
-from sarmitsuba.registry import Calling, checked_type
 from sarmitsuba.scene.scene import Scene
 
 

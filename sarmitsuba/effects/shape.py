@@ -6,11 +6,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import F64, I32, I64
-from sarmitsuba.mesh.closed import enclosed_volume, is_closed
-from sarmitsuba.mesh.connected import connected
-from sarmitsuba.mesh.convexity import SLACK, face_edges, is_convex_body, joined, one_sided
+from sarmitsuba.core.arrays import F64, I32, I64
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.mesh.closed import enclosed_volume, is_closed
+from sarmitsuba.scene.mesh.connected import connected
+from sarmitsuba.scene.mesh.convexity import SLACK, face_edges, is_convex_body, joined, one_sided
 
 # products of planes and vertices that a proof may cost; 5e7 take about 0.2 s
 _MAX_PRODUCTS = 50_000_000

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.slab import lets_through
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.materials.slab import lets_through
 from sarmitsuba.scene.scene import Scene
 
 # faces up to this many thicknesses behind one of the same material may be the other face of its slab

@@ -8,7 +8,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import C128, F64
+from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.witness import Witness
 from sarmitsuba.effects.fold_sections import (
     Folds,
     coplanar_parts,
@@ -30,14 +31,13 @@ from sarmitsuba.effects.omitted_waves import (
     omitted_energy,
 )
 from sarmitsuba.effects.waves_between import MetalFaces, gaps, metal_faces, waves_between
-from sarmitsuba.materials.fresnel import fresnel
-from sarmitsuba.materials.map_materials import with_parts
-from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.double_faces import double_faces
-from sarmitsuba.mesh.thin_rims import ONE_EDGE
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.materials.fresnel import fresnel
+from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.mesh.double_faces import double_faces
+from sarmitsuba.scene.mesh.thin_rims import ONE_EDGE
 from sarmitsuba.scene.visible_faces import VisibleFaces
-from sarmitsuba.witness import Witness
 
 # dB below the peak down to which the error is stated
 STRONG_DB = 20.0

@@ -7,13 +7,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import F64, I64
+from sarmitsuba.core.arrays import F64, I64
 from sarmitsuba.effects.omitted_waves import PLANE, MetalLines, coherent_square, soft_share
-from sarmitsuba.mesh.connected import connected
-from sarmitsuba.mesh.edge_pairs import edge_pairs
-from sarmitsuba.mesh.pieces import SMOOTH_BEND
-from sarmitsuba.mesh.sharp_edges import WIDEST_GAP
-from sarmitsuba.mesh.welding import weld
+from sarmitsuba.scene.mesh.connected import connected
+from sarmitsuba.scene.mesh.edge_pairs import edge_pairs
+from sarmitsuba.scene.mesh.pieces import SMOOTH_BEND
+from sarmitsuba.scene.mesh.sharp_edges import WIDEST_GAP
+from sarmitsuba.scene.mesh.welding import weld
 
 # points on lines, faces examined with all of them (the largest flat ones, and as many curved ones), other flat faces
 # that are examined with the points nearest to them, and products of directions with pairs of both at most

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import RadarError
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import RadarError
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.jitter import wandering

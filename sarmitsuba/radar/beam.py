@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
-from sarmitsuba.errors import RadarError
+from sarmitsuba.core.errors import RadarError
+from sarmitsuba.core.units import power_from_db
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.pattern import PATTERNS
 from sarmitsuba.radar.pattern_table import PatternTable
-from sarmitsuba.units import power_from_db
 
 
 def antenna_of(given: RadarInput, wavelength: float) -> Antenna:

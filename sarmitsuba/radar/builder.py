@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import RadarError, SarmitsubaWarning
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import RadarError, SarmitsubaWarning
+from sarmitsuba.core.units import power_from_db
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.aperture import (
     automatic_track,
@@ -40,7 +41,6 @@ from sarmitsuba.radar.swath import Box, receive_window
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.utc import DEFAULT_EPOCH, utc_after, utc_of
 from sarmitsuba.radar.waveform import Waveform
-from sarmitsuba.units import power_from_db
 
 SAMPLING_MARGIN = 1.2  # automatic sampling rate over the bandwidth
 MAX_SAMPLES = 2**36  # most samples of raw data: 0.5 TiB

@@ -5,8 +5,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import DataError
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.flight import Flight
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.utc import utc_after

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import RadarError
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import RadarError
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth
 

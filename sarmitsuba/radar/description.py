@@ -10,8 +10,8 @@ from typing import Literal
 
 import numpy as np
 
-from sarmitsuba.errors import RadarError
-from sarmitsuba.parameters import ParamTable, Value, described, filled, knows_its_fields, params_of
+from sarmitsuba.core.errors import RadarError
+from sarmitsuba.core.parameters import ParamTable, Value, described, filled, knows_its_fields, params_of
 from sarmitsuba.radar.film import FILM, FilmDescription
 from sarmitsuba.radar.mode import MODES, mode_parameters
 from sarmitsuba.radar.pattern import PATTERNS

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sarmitsuba.arrays import F64
+from sarmitsuba.core.arrays import F64
 from sarmitsuba.radar.effective_velocity import range_acceleration
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track

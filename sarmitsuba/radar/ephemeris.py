@@ -9,15 +9,15 @@ from xml.parsers import expat
 import numpy as np
 import scipy
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.constants import EARTH_RADIUS
-from sarmitsuba.errors import RadarError
-from sarmitsuba.parameters import one_line
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.constants import EARTH_RADIUS
+from sarmitsuba.core.errors import RadarError
+from sarmitsuba.core.parameters import one_line
+from sarmitsuba.machine.regular_files import read_bytes, read_text
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.mode import right_of
 from sarmitsuba.radar.path import FlightPath
 from sarmitsuba.radar.utc import DEFAULT_EPOCH, epoch_of_stamp, is_number, is_time, seconds_of, utc_after
-from sarmitsuba.regular_files import read_bytes, read_text
 
 _COLUMNS = "time_s (or an ISO date and time), x_m, y_m, z_m, vx_m_s, vy_m_s, vz_m_s"
 # vectors per polynomial through positions and velocities: degree 7

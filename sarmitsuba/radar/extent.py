@@ -5,8 +5,8 @@ from functools import cached_property
 
 import numpy as np
 
-from sarmitsuba.arrays import F64, I32
-from sarmitsuba.boxes import box_of_each
+from sarmitsuba.core.arrays import F64, I32
+from sarmitsuba.core.boxes import box_of_each
 
 # m; faces that reach no higher above the level of the ground are ground, kerbs and pavements included
 _ABOVE_GROUND = 0.5

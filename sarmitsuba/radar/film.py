@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from sarmitsuba.errors import RadarError
-from sarmitsuba.parameters import ParamTable, described, knows_its_fields, params_of
+from sarmitsuba.core.errors import RadarError
+from sarmitsuba.core.parameters import ParamTable, described, knows_its_fields, params_of
 
 
 @knows_its_fields

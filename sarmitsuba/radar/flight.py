@@ -6,7 +6,7 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sarmitsuba.arrays import F64
+from sarmitsuba.core.arrays import F64
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.utc import DEFAULT_EPOCH, utc_of, utc_text

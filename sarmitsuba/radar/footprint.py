@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import RadarError
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import RadarError
 from sarmitsuba.radar.pattern import PATTERNS, SINC_HALF_POWER
 from sarmitsuba.radar.radar import Radar
 

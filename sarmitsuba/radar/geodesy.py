@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.constants import EARTH_FLATTENING, EARTH_RADIUS
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.constants import EARTH_FLATTENING, EARTH_RADIUS
 
 _ECCENTRICITY_SQUARE = EARTH_FLATTENING * (2.0 - EARTH_FLATTENING)
 # Bowring's step gains four digits or more outside the Earth's core

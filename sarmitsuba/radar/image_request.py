@@ -6,8 +6,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import RadarError
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import RadarError
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.swath import Box
 

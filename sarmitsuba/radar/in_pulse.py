@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 
@@ -22,7 +22,7 @@ def moving_in_pulse(radar: Radar) -> Radar:
     .. math:: \mathbf r(t) = \mathbf x(t + D), \quad D = 2 R_{aim} / c
 
     The times of the track are those of transmission. Echoes from other ranges arrive earlier or later than D; the
-    difference is added to each by its range and range rate (:mod:`sarmitsuba.echo.pulse_motion`).
+    difference is added to each by its range and range rate (:mod:`sarmitsuba.signal.raw.pulse_motion`).
 
     Notes
     -----

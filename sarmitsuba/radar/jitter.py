@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
+from sarmitsuba.core.arrays import F64
 
 
 def wandering(time: F64, axes: int, rms: float, corner: float, slope: float, seed: int) -> F64:

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import ExtensionError
-from sarmitsuba.parameters import Param, Value
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import ExtensionError
+from sarmitsuba.core.parameters import Param, Value
+from sarmitsuba.core.registry import Registry
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.path import FlightPath, StraightPath
 from sarmitsuba.radar.track import Track
-from sarmitsuba.registry import Registry
 
 UP = np.array([0.0, 0.0, 1.0])
 

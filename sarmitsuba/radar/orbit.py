@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 import scipy
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.constants import EARTH_GRAVITY, EARTH_RADIUS, EARTH_ROTATION
-from sarmitsuba.errors import RadarError
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.constants import EARTH_GRAVITY, EARTH_RADIUS, EARTH_ROTATION
+from sarmitsuba.core.errors import RadarError
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.ephemeris import StateVectors
 from sarmitsuba.radar.geodesy import Anchor

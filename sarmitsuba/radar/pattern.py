@@ -6,9 +6,9 @@ from types import ModuleType
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.registry import Registry
-from sarmitsuba.samples import Samples
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.registry import Registry
+from sarmitsuba.core.samples import Samples
 
 # -3 dB half angle of sinc^2: sinc(pi u) = 1/sqrt(2) at u = 0.442946
 SINC_HALF_POWER = 0.442946470689452

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import RadarError
-from sarmitsuba.regular_files import read_text
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import RadarError
+from sarmitsuba.machine.regular_files import read_text
 
 CUTS = ("azimuth", "elevation")
 # nodes per half-power half-width: linear steps between them then err by -99 dB of the peak

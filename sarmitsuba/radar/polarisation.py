@@ -6,8 +6,8 @@ and ``v = h x u`` for the look direction u (antenna to scene), the same on trans
 
 from collections.abc import Sequence
 
-from sarmitsuba.errors import RadarError
-from sarmitsuba.parameters import one_line
+from sarmitsuba.core.errors import RadarError
+from sarmitsuba.core.parameters import one_line
 
 _ROOT_HALF = 0.5**0.5
 # (h, v) parts of a transmitted wave of unit power. Time convention exp(+j w t): along u, v turns into h clockwise for

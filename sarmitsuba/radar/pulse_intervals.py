@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import RadarError
-from sarmitsuba.parameters import one_line
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import RadarError
+from sarmitsuba.core.parameters import one_line
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.path import FlightPath
 from sarmitsuba.radar.track import Track

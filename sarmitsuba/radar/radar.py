@@ -6,9 +6,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import RadarError
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import RadarError
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.effective_velocity import effective_velocity_ratio
 from sarmitsuba.radar.geodesy import Anchor

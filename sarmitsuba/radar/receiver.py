@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import RadarError
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import RadarError
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.mode import right_of
 from sarmitsuba.radar.recorded import of_same_pulses

@@ -6,9 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import RadarError
-from sarmitsuba.parameters import Value
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import RadarError
+from sarmitsuba.core.parameters import Value
 from sarmitsuba.radar.effective_velocity import effective_velocity_ratio
 from sarmitsuba.radar.mode import AimGeometry, RadarMode
 from sarmitsuba.radar.path import FlightPath

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
+from sarmitsuba.core.arrays import F64
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.radar import ReceiveWindow
 

@@ -7,11 +7,11 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import RadarError
-from sarmitsuba.parameters import one_line
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import RadarError
+from sarmitsuba.core.parameters import one_line
+from sarmitsuba.machine.regular_files import read_text
 from sarmitsuba.radar.utc import DEFAULT_EPOCH, epoch_of_stamp, is_time, seconds_of, utc_after, utc_of
-from sarmitsuba.regular_files import read_text
 
 _FARTHEST = 1e12  # m, bound of positions in a file
 

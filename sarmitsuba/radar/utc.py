@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 
-from sarmitsuba.parameters import printable
+from sarmitsuba.core.parameters import printable
 
 # UTC of a track's time zero where nothing else is given: simulated flights have no date
 DEFAULT_EPOCH = np.datetime64("2000-01-01T00:00:00", "ns")

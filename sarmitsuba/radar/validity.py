@@ -8,9 +8,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import RadarError
-from sarmitsuba.parameters import one_line
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import RadarError
+from sarmitsuba.core.parameters import one_line
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.polarisation import CHANNELS

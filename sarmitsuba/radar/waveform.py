@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import RadarError
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import RadarError
 
 
 @dataclass(frozen=True)

@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.arrays import F64, I32
-from sarmitsuba.materials.material import Material
+from sarmitsuba.core.arrays import F64, I32
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.ground_outline import BEYOND, LEAST_LEVEL, LEVEL, NOT_LEVEL, SLAB, Rim, outline
+from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.motion import STILL
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.units import db_from_power
 
 # name of the mesh that continues the ground
 ENDLESS_GROUND = "endless ground"

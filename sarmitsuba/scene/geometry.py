@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import F64, I32, I64
+from sarmitsuba.core.arrays import F64, I32, I64
 from sarmitsuba.scene.motion import STILL, Motion
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import F64, I64
-from sarmitsuba.mesh.connected import connected
-from sarmitsuba.mesh.welding import weld
+from sarmitsuba.core.arrays import F64, I64
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.mesh.connected import connected
+from sarmitsuba.scene.mesh.welding import weld
 
 # points of meshes that meet, and heights of a level face, are equal within this share of the scene's size, and at
 # least this, m: rounding of float32 files

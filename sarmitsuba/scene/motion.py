@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import SceneError
-from sarmitsuba.parameters import one_line
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import SceneError
+from sarmitsuba.core.parameters import one_line
 
 Triple = tuple[float, float, float]
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sarmitsuba.arrays import F64, I64
-from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.smooth_surface import facet_sagitta, smooth_surface
+from sarmitsuba.core.arrays import F64, I64
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.mesh.smooth_surface import facet_sagitta, smooth_surface
 from sarmitsuba.scene.visible_faces import VisibleFaces
 
 # relative amplitude of the error by facets over their sagitta in wavelengths: balls of 320, 1280 and 5120 facets at 24

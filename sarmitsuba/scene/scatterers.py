@@ -6,16 +6,17 @@ from typing import ClassVar
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import SceneError
-from sarmitsuba.parameters import Param, ParamTable
-from sarmitsuba.registry import Registry
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import SceneError
+from sarmitsuba.core.parameters import Param, ParamTable
+from sarmitsuba.core.registry import Registry
 
 
 class ScattererKind:
     """A kind of scatterers at known positions, each with a closed form; register an instance in ``SCATTERERS``.
 
-    The scattering itself is in :class:`sarmitsuba.trace.reflectors.Reflector`, which kinds derive from.
+    The scattering itself is in :class:`sarmitsuba.tracing.scatterers.reflectors.reflector.Reflector`, which kinds
+    derive from.
 
     Attributes
     ----------

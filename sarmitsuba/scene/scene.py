@@ -5,15 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import SceneError
-from sarmitsuba.materials.material import Material
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import SceneError
+from sarmitsuba.core.registry import late, png_of
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.registry import late, png_of
 from sarmitsuba.scene.geometry import Geometry, PointTarget
+from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.motion import STILL
 from sarmitsuba.scene.scatterers import ScattererTarget, positions_of
 from sarmitsuba.scene.settings import TraceSettings
@@ -79,10 +79,10 @@ class Scene:
             return given
         if not isinstance(given, str | Path):
             remedy = "give a scene of load_scene or build_scene, a file, or the name of a shipped scene"
-            if late("sarmitsuba.loader.build", "is_trimesh")(given):
+            if late("sarmitsuba.loading.build", "is_trimesh")(given):
                 remedy = "give build_scene([SceneMesh.of(mesh, material)]), with a material for every mesh"
             raise SceneError(f"scene: {type(given).__name__} is no scene; {remedy}")
-        scene = late("sarmitsuba.loader.load", "load_scene")(given, **wanted)
+        scene = late("sarmitsuba.loading.load", "load_scene")(given, **wanted)
         assert isinstance(scene, Scene)
         return scene
 
@@ -138,7 +138,7 @@ class Scene:
         SceneError, RadarError : one line: an unknown name, a value out of bounds, or a parameter that materials and
             shapes depend on while loading
         """
-        scene = late("sarmitsuba.loader.changes", "changed")(self, changes)
+        scene = late("sarmitsuba.loading.changes", "changed")(self, changes)
         assert isinstance(scene, Scene)
         return scene
 

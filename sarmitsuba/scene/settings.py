@@ -6,8 +6,8 @@ from typing import Literal
 
 import numpy as np
 
-from sarmitsuba.errors import DataError, SceneError
-from sarmitsuba.parameters import knows_its_fields, one_line
+from sarmitsuba.core.errors import DataError, SceneError
+from sarmitsuba.core.parameters import knows_its_fields, one_line
 
 Method = Literal["raw", "hybrid", "image", "raster"]
 Switch = Literal["auto", "on", "off"]
@@ -41,8 +41,8 @@ class TraceSettings:
     target_error_db : sampling error up to which passes are added, dB relative to the image's clutter or peak; 0 = off
     time_limit : for which passes are added, s; 0 = off
     default_rms_height : m, of Sionna's materials without a roughness; 0: none has a typical one; used while loading
-    smooth : whether meshes are taken for their smooth surfaces, see :mod:`sarmitsuba.mesh.smooth_surface`; used while
-        loading
+    smooth : whether meshes are taken for their smooth surfaces, see :mod:`sarmitsuba.scene.mesh.smooth_surface`; used
+        while loading
     endless_ground : whether level ground goes on beyond its rim, see :mod:`sarmitsuba.scene.endless_ground`
     effects : name of an effect to ``auto``, ``on`` or ``off``; others are ``auto``
     """

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import F64, I64
-from sarmitsuba.materials.material import Material
+from sarmitsuba.core.arrays import F64, I64
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.materials.material import Material
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,9 +5,9 @@ from functools import cached_property
 
 import numpy as np
 
-from sarmitsuba.arrays import F64, I32
-from sarmitsuba.materials.vegetation.medium import VolumeMedium
-from sarmitsuba.mesh.closed import enclosed_volume, surface_area
+from sarmitsuba.core.arrays import F64, I32
+from sarmitsuba.scene.materials.vegetation.medium import VolumeMedium
+from sarmitsuba.scene.mesh.closed import enclosed_volume, surface_area
 
 
 @dataclass(frozen=True, eq=False)

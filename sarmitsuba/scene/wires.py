@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import SceneError
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import SceneError
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Annotation
 
-from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.signal.image.sar_image import ImageGrid
 
 _ARROW = {"arrowstyle": "-|>", "color": "black", "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0}
 _NEEDLE = 20.0  # half the length of the arrows to the north and the east, screen pixels

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sarmitsuba.io.atomic import atomic_path
+from sarmitsuba.machine.atomic import atomic_path
 
 if TYPE_CHECKING:
     from sarmitsuba.view.figure import Figure

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import F64
+from sarmitsuba.core.arrays import F64
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

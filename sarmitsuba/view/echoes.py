@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.units import db_from_power
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.units import db_from_power
+from sarmitsuba.signal.raw.raw_data import RawData
 from sarmitsuba.view.figure import Figure
 
 # most pulses and samples drawn; blocks of more are drawn by their strongest sample

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sarmitsuba.focusing.focuser_comparison import FocuserResult
-from sarmitsuba.image.shown_axes import ShownAxes
-from sarmitsuba.units import db_from_power
+from sarmitsuba.core.units import db_from_power
+from sarmitsuba.signal.focusing.focuser_comparison import FocuserResult
+from sarmitsuba.signal.image.shown_axes import ShownAxes
 from sarmitsuba.view.display import PictureOptions, prepare
 from sarmitsuba.view.figure import Figure
 from sarmitsuba.view.quicklook import draw

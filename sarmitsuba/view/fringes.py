@@ -10,9 +10,9 @@ from matplotlib.colors import Normalize
 from matplotlib.image import AxesImage
 
 from sarmitsuba.analysis.interferometry import HeightMap, Interferogram
-from sarmitsuba.arrays import F64
-from sarmitsuba.image.shown_axes import ShownAxes
-from sarmitsuba.units import db_from_power
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.units import db_from_power
+from sarmitsuba.signal.image.shown_axes import ShownAxes
 from sarmitsuba.view.figure import Figure
 
 _CYCLIC = "hsv"

@@ -7,13 +7,13 @@ import numpy as np
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import U8
-from sarmitsuba.errors import DataError
-from sarmitsuba.image.labels import LabelLayer, Labels
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.image.shown_axes import ShownAxes
-from sarmitsuba.io.atomic import atomic_path
-from sarmitsuba.parameters import did_you_mean
+from sarmitsuba.core.arrays import U8
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.parameters import did_you_mean
+from sarmitsuba.machine.atomic import atomic_path
+from sarmitsuba.signal.image.labels import LabelLayer, Labels
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image.shown_axes import ShownAxes
 from sarmitsuba.view.display import PictureOptions, limits_db
 from sarmitsuba.view.figure import Figure
 from sarmitsuba.view.quicklook import quicklook

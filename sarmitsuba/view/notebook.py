@@ -6,11 +6,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
-from sarmitsuba.image.sar_image import Multilook, SarImage
-from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.radar.footprint import lit, outline
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.signal.image.sar_image import Multilook, SarImage
+from sarmitsuba.signal.image.shown_axes import ShownAxes
 from sarmitsuba.view.figure import Figure
 from sarmitsuba.view.quicklook import quicklook, save
 

@@ -9,13 +9,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.placement import ImagePlacement
-from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.image.shown_axes import ShownAxes
-from sarmitsuba.mesh.connected import connected
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.scene.mesh.connected import connected
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.signal.focusing.placement import ImagePlacement
+from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image.shown_axes import ShownAxes
 
 if TYPE_CHECKING:
     import shapely

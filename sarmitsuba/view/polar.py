@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.projections.polar import PolarAxes
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import DataError
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import DataError
 from sarmitsuba.view.figure import Figure
 
 # smallest sweep drawn in polar axes, deg

@@ -4,12 +4,12 @@ from typing import Literal
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import DataError
-from sarmitsuba.image.calibration import Quantity, backscatter
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.image.shown_axes import ShownAxes
-from sarmitsuba.units import db_from_power
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.units import db_from_power
+from sarmitsuba.signal.image.calibration import Quantity, backscatter
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image.shown_axes import ShownAxes
 from sarmitsuba.view.display import quantity_label
 from sarmitsuba.view.figure import Figure
 

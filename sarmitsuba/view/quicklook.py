@@ -12,19 +12,19 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import AxesImage
 
-from sarmitsuba.arrays import U8
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import DataError
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.io.atomic import atomic_path
-from sarmitsuba.parameters import did_you_mean
+from sarmitsuba.core.arrays import U8
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.parameters import did_you_mean
+from sarmitsuba.core.witness import USELESS_DB, Witness
+from sarmitsuba.machine.atomic import atomic_path
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.signal.image.sar_image import SarImage
 from sarmitsuba.view.bearings import draw_flight_and_look, draw_north_and_east, draw_scale_bar
 from sarmitsuba.view.display import LARGEST, SMALLEST, Display, PictureOptions, prepare, screen_size
 from sarmitsuba.view.figure import PACKED, Figure
 from sarmitsuba.view.outlines import draw_outlines
 from sarmitsuba.view.shaded_plan import draw_plan, plan_width
-from sarmitsuba.witness import USELESS_DB, Witness
 
 # function that draws a picture on demand
 Drawing = Callable[[], Figure]

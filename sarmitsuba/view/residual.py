@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.echo.raw_data import Layer
-from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.raw.raw_data import Layer
 from sarmitsuba.view.display import LARGEST, PictureOptions, prepare
 from sarmitsuba.view.figure import Figure
 from sarmitsuba.view.side_by_side import side_by_side

@@ -7,10 +7,10 @@ from matplotlib.patches import Rectangle
 from sarmitsuba.analysis.quality.carrier import Carrier
 from sarmitsuba.analysis.quality.image_report import QualityReport
 from sarmitsuba.analysis.quality.point_quality import PointQuality
-from sarmitsuba.arrays import F64
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.image.shown_axes import ShownAxes
-from sarmitsuba.units import db_from_power
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.units import db_from_power
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image.shown_axes import ShownAxes
 from sarmitsuba.view.display import PictureOptions
 from sarmitsuba.view.figure import Figure
 from sarmitsuba.view.quicklook import draw
@@ -23,7 +23,7 @@ _REACH, _STEPS = 8.0, 401  # half the length of a cut, in widths of the response
 def quality_figure(image: SarImage, report: QualityReport, frame: str | None = None) -> Figure:
     """Draw the image with points and areas marked, and cuts through the first six points.
 
-    ``frame`` is that of the image's axes, see :class:`sarmitsuba.image.shown_axes.ShownAxes`.
+    ``frame`` is that of the image's axes, see :class:`sarmitsuba.signal.image.shown_axes.ShownAxes`.
     """
     shown = report.points[:_MOST]
     figure = Figure(

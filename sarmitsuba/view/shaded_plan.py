@@ -4,9 +4,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
-from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image.shown_axes import ShownAxes
 
 # colours of materials in turn, and light from near range and late azimuth (the upper left), above
 _COLOURS = np.array(
@@ -47,7 +47,7 @@ def draw_plan(axes: Axes, scene: Scene, grid: ImageGrid, frame: str | None = Non
     axes : get the limits of the grid's picture
     scene : to draw
     grid : the image's; slant-range images are shown over ground range
-    frame : of the axes' numbers, see :class:`sarmitsuba.image.shown_axes.ShownAxes`
+    frame : of the axes' numbers, see :class:`sarmitsuba.signal.image.shown_axes.ShownAxes`
     """
     ground = ground_grid(grid)
     shown = ShownAxes.of(ground, frame)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.signal.image.sar_image import SarImage
 from sarmitsuba.view.display import LARGEST, PictureOptions, prepare
 from sarmitsuba.view.figure import Figure
 from sarmitsuba.view.quicklook import draw

@@ -28,21 +28,23 @@ def readers(flag: str) -> list[str]:
     for path in sorted(PACKAGE.rglob("*.py")):
         name = path.relative_to(PACKAGE).as_posix()
         text = path.read_text(encoding="utf-8")
-        if reads.search(text) or (name.startswith("trace/stages/") and stage.search(text)):
+        if reads.search(text) or (name.startswith("tracing/kernel/stages/") and stage.search(text)):
             found.append(name)
     return [name for name in found if not name.startswith("effects/")]
 
 
 def in_kernel(flag: str) -> list[str]:
     """Those of the trace kernel, relative to its folder."""
-    return [name.removeprefix("trace/") for name in readers(flag) if name.startswith("trace/")]
+    return [name.removeprefix("tracing/") for name in readers(flag) if name.startswith("tracing/")]
 
 
 def test_the_table_of_kernel_flags_is_what_the_source_says() -> None:
     page = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(\w+)` \| ([^|]*)\| [^|]+ \|$", page, re.MULTILINE)
-    listed = {flag: re.findall(r"`([^`]+)`", files) for flag, files in rows if not flag.startswith("at_")}
-    assert listed == {flag: in_kernel(flag) for flag in kernel_flags()}
+    listed = {
+        flag: sorted(re.findall(r"`([^`]+)`", files)) for flag, files in rows if not flag.startswith("at_")
+    }
+    assert listed == {flag: sorted(in_kernel(flag)) for flag in kernel_flags()}
 
 
 def test_an_effect_is_known_to_one_module_of_the_kernel() -> None:

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -9,101 +10,62 @@ ROOT = Path(__file__).parents[2]
 
 # an importer stands above what it imports; rooms of one line may import each other as long as there is no circle
 FLOORS = (
-    ("", "__main__", "cli", "commands", "doctor", "plugins"),
-    ("cost",),
-    ("validation",),
-    ("studio",),
-    ("page",),
+    ("", "__main__", "cli", "commands", "extend", "plugins"),
+    ("apps",),
+    ("truth",),
     ("view",),
-    ("datasets",),
-    ("cluster",),
-    ("labelling", "gradients"),
+    ("analysis",),
     ("simulation",),
-    ("analysis", "link"),
-    ("focusing",),
-    ("importing",),
-    ("io",),
-    ("loader",),
-    ("trace",),
-    ("currents",),
+    ("tracing",),
+    ("loading",),
     ("effects",),
-    ("image",),
-    ("echo",),
+    ("files",),
+    ("signal",),
     ("scene",),
-    ("materials",),
-    ("mesh",),
     ("radar",),
-    ("theory",),
-    (
-        "arrays",
-        "backend",
-        "boxes",
-        "constants",
-        "errors",
-        "exclusive",
-        "extensions",
-        "isolated",
-        "kernel_cache",
-        "finite",
-        "memory",
-        "parameters",
-        "progress",
-        "registry",
-        "regular_files",
-        "samples",
-        "timing",
-        "unfinished",
-        "units",
-        "version",
-        "witness",
-        "linear_map",
-    ),
+    ("machine",),
+    ("core", "version"),
 )
+# folders of the top two levels that hold modules; those of entries that are found by themselves do not count
+MOST_ROOMS, ENTRIES = 35, {"catalog", "modes", "patterns", "cases"}
 FLOOR = {room: i for i, rooms in enumerate(FLOORS) for room in rooms}
 # folders that import nothing else of the room they are in
 APART = (
     "sarmitsuba.analysis.polarimetry",
     "sarmitsuba.analysis.quality",
-    "sarmitsuba.trace.tubes",
+    "sarmitsuba.tracing.kernel.tubes",
+    "sarmitsuba.truth.theory",
 )
+THEORY = "sarmitsuba.truth.theory"
 # closed forms share no code with what they check
-THEORY_MAY = {"theory", "arrays", "constants", "units"}
+THEORY_MAY = {"sarmitsuba.core.arrays", "sarmitsuba.core.constants", "sarmitsuba.core.units"}
 # rooms that may take them; tests, benchmarks and pages may too
-THEORY_USERS = {"theory", "validation"}
+THEORY_USERS = {"truth"}
 
 # rooms that work on data from elsewhere too, and so need neither Mitsuba nor, but for focusing's kernel, Dr.Jit
-DATA = {
-    "analysis",
-    "echo",
-    "effects",
-    "focusing",
-    "image",
-    "io",
-    "link",
-    "materials",
-    "mesh",
-    "radar",
-    "scene",
-    "theory",
-    "view",
-}
+DATA = {"effects", "files", "radar", "scene", "signal", "view"}
+DATA_FOLDERS = (
+    "sarmitsuba.analysis.interferometry",
+    "sarmitsuba.analysis.link",
+    "sarmitsuba.analysis.polarimetry",
+    "sarmitsuba.analysis.quality",
+    "sarmitsuba.truth.theory",
+)
 # who may go through the door to Mitsuba and Dr.Jit
 BACKEND_USERS = {
     "__main__",
+    "analysis",
+    "apps",
     "cli",
-    "cluster",
     "commands",
-    "cost",
-    "currents",
-    "datasets",
-    "doctor",
-    "focusing",
-    "labelling",
-    "loader",
+    "extend",
+    "loading",
+    "machine",
     "plugins",
+    "signal",
     "simulation",
-    "trace",
-    "validation",
+    "tracing",
+    "truth",
 }
 FOREIGN = {"mitsuba", "drjit"}
 # libraries, and parts of SciPy, that most runs do without: importing one takes up to 0.2 s of processor time
@@ -122,7 +84,29 @@ ON_USE = {
     "trimesh",
 }
 # rooms that no run of ``render``, ``focus`` or ``explain`` imports
-APART_FROM_RUNS = {"cost", "page", "studio", "theory", "validation"}
+APART_FROM_RUNS = ("sarmitsuba.apps", "sarmitsuba.truth", "sarmitsuba.view.page")
+
+
+def lies_in(name: str, folders: Iterable[str]) -> bool:
+    """Whether a module lies in one of these folders."""
+    return any(f"{name}.".startswith(f"{folder}.") for folder in folders)
+
+
+def is_data(module: Any) -> bool:
+    """Whether a module works on data, without Mitsuba."""
+    in_room = module.room in DATA and not lies_in(module.name, ("sarmitsuba.view.page",))
+    return in_room or lies_in(module.name, DATA_FOLDERS)
+
+
+def test_rooms_are_few(house: Any) -> None:
+    """Folders with modules of their own, at the top two levels."""
+    rooms = {
+        ".".join(module.folder.split(".")[1:3])
+        for module in house
+        if not module.is_package and module.room != "plugins"
+    }
+    counted = {room for room in rooms if room and room.rpartition(".")[2] not in ENTRIES}
+    assert len(counted) <= MOST_ROOMS, sorted(counted)
 
 
 def test_every_module_has_its_floor(house: Any) -> None:
@@ -159,9 +143,9 @@ def test_theory_shares_no_code_with_what_it_checks(house: Any) -> None:
     wrong = [
         f"{house.modules[found.source].where}:{found.line} imports {found.target}"
         for found in house.imports
-        if house.modules[found.source].room == "theory"
+        if lies_in(found.source, (THEORY,))
         and found.target in house.modules
-        and house.modules[found.target].room not in THEORY_MAY
+        and not lies_in(found.target, THEORY_MAY | {THEORY})
     ]
     assert not wrong, "\n".join(wrong)
 
@@ -171,8 +155,7 @@ def test_only_what_is_checked_against_it_takes_theory(house: Any) -> None:
     wrong = [
         f"{house.modules[found.source].where}:{found.line} imports {found.target}"
         for found in house.imports
-        if (found.target in house.modules and house.modules[found.target].room == "theory")
-        or (found.target, found.name) == ("sarmitsuba", "theory")
+        if lies_in(found.target, (THEORY,)) or (found.target, found.name) == ("sarmitsuba.truth", "theory")
         if house.modules[found.source].room not in THEORY_USERS
     ]
     assert not wrong, "\n".join(wrong)
@@ -184,7 +167,7 @@ def test_runs_import_a_library_when_they_use_it(house: Any) -> None:
         f"{house.modules[found.source].where}:{found.line} imports {found.target} at its top"
         for found in house.imports
         if found.when == "top"
-        and house.modules[found.source].room not in APART_FROM_RUNS
+        and not lies_in(found.source, APART_FROM_RUNS)
         and ON_USE & {found.target, f"{found.target}.{found.name}"}
     ]
     assert not wrong, "\n".join(wrong)
@@ -241,11 +224,11 @@ def test_circles_are_found() -> None:
 
 
 def test_the_back_end_is_the_only_door(house: Any) -> None:
-    """Mitsuba and Dr.Jit come from ``sarmitsuba.backend``, which finds LLVM first."""
+    """Mitsuba and Dr.Jit come from ``sarmitsuba.machine.backend``, which finds LLVM first."""
     wrong = [
         f"{house.modules[found.source].where}:{found.line} imports {found.target}"
         for found in house.imports
-        if found.target.split(".")[0] in FOREIGN and house.modules[found.source].room != "backend"
+        if found.target.split(".")[0] in FOREIGN and found.source != "sarmitsuba.machine.backend"
     ]
     assert not wrong, "\n".join(wrong)
 
@@ -254,8 +237,8 @@ def test_only_rooms_that_trace_use_the_door(house: Any) -> None:
     wrong = [
         f"{house.modules[found.source].where}:{found.line}"
         for found in house.imports
-        if found.target == "sarmitsuba.backend"
-        and house.modules[found.source].room not in BACKEND_USERS | {"", "backend"}
+        if found.target == "sarmitsuba.machine.backend"
+        and house.modules[found.source].room not in BACKEND_USERS | {""}
     ]
     assert not wrong, "\n".join(wrong)
 
@@ -264,12 +247,12 @@ def test_data_rooms_do_not_reach_mitsuba(house: Any) -> None:
     """By the imports of what they import, and theirs, as far as they run."""
     wrong = []
     for module in house:
-        if module.room in DATA:
+        if is_data(module):
             reached = {name.split(".")[0] for name in house.run_with(module.name)} & FOREIGN
             rooms = {
                 house.modules[name].room
                 for name in house.run_with(module.name)
-                if name in house.modules and house.modules[name].room == "trace"
+                if name in house.modules and house.modules[name].room == "tracing"
             }
             wrong += [f"{module.where} reaches {name}" for name in sorted(reached | rooms)]
     assert not wrong, "\n".join(wrong)
@@ -279,8 +262,8 @@ def test_focusing_uses_dr_jit_but_not_mitsuba(house: Any) -> None:
     wrong = [
         f"{house.modules[found.source].where}:{found.line}"
         for found in house.imports
-        if (found.target, found.name) == ("sarmitsuba.backend", "mi")
-        and house.modules[found.source].room == "focusing"
+        if (found.target, found.name) == ("sarmitsuba.machine.backend", "mi")
+        and house.modules[found.source].room == "signal"
     ]
     assert not wrong, "\n".join(wrong)
 
@@ -299,12 +282,12 @@ def loaded_by(names: list[str]) -> set[str]:
 
 def test_importing_the_data_rooms_leaves_mitsuba_alone(house: Any) -> None:
     """The same as above, seen in the running interpreter."""
-    names = [module.name for module in house if module.room in DATA - {"view"}]
+    names = [module.name for module in house if is_data(module) and module.room != "view"]
     assert names and loaded_by(names) == set()
 
 
 def test_importing_the_view_loads_no_more_than_matplotlib(house: Any) -> None:
-    names = [module.name for module in house if module.room == "view"]
+    names = [module.name for module in house if module.room == "view" and is_data(module)]
     assert names and loaded_by(names) <= {"matplotlib"}
 
 

@@ -8,7 +8,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.version import Version
 
-from sarmitsuba.io.table_file import read_table
+from sarmitsuba.files.table_file import read_table
 from sarmitsuba.version import __version__
 from tools.release import ReleaseError, cut_changelog, cut_citation, lock_of, python_blocks, version_of
 

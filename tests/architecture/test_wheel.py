@@ -59,8 +59,8 @@ def test_wheel_contains_plugins_and_scenes(tmp_path: Path) -> None:
         for path in files:
             assert f"sarmitsuba/{inside}/{path.relative_to(ROOT / folder).as_posix()}" in names
     assert "sarmitsuba/py.typed" in names
-    web = ROOT / "sarmitsuba" / "page" / "web"
-    assert {f"sarmitsuba/page/web/{p.relative_to(web).as_posix()}" for p in web.rglob("*.*")} <= names
+    web = ROOT / "sarmitsuba" / "view" / "page" / "web"
+    assert {f"sarmitsuba/view/page/web/{p.relative_to(web).as_posix()}" for p in web.rglob("*.*")} <= names
     assert not [name for name in names if name.startswith("tests") or "__pycache__" in name]
     # a package index shows the README far from the checkout: no relative link may be left
     assert "Project-URL: Homepage, https://" in facts

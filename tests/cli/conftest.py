@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
@@ -19,7 +17,9 @@ from sarmitsuba.radar.waveform import Waveform
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.prediction.needs import Needs
+from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.simulation.planning.prediction.needs import Needs
 
 
 def make_scene() -> Scene:
@@ -82,10 +82,10 @@ def install_fakes(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         monkeypatch.setitem(sys.modules, name, fake)
 
     backend = types.SimpleNamespace(variant="none")
-    monkeypatch.setattr("sarmitsuba.backend.ensure_backend", lambda: backend)
-    module("sarmitsuba.loader.load", load_scene=load_scene)
-    monkeypatch.setattr("sarmitsuba.simulation.render.execute", fake_execute)
-    monkeypatch.setattr("sarmitsuba.focusing.focus", fake_focus)
+    monkeypatch.setattr("sarmitsuba.machine.backend.ensure_backend", lambda: backend)
+    module("sarmitsuba.loading.load", load_scene=load_scene)
+    monkeypatch.setattr("sarmitsuba.simulation.execution.render.execute", fake_execute)
+    monkeypatch.setattr("sarmitsuba.signal.focusing.focus", fake_focus)
     return seen
 
 
@@ -103,5 +103,5 @@ def simulations(fake_stages: dict[str, Any], monkeypatch: pytest.MonkeyPatch) ->
         runs.append(scene)
         return fake_execute(scene, options, **how)
 
-    monkeypatch.setattr("sarmitsuba.simulation.render.execute", execute)
+    monkeypatch.setattr("sarmitsuba.simulation.execution.render.execute", execute)
     return runs

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.loading.load import load_scene
 
 PAGE = Path(__file__).parents[2] / "docs" / "cheat_sheet.md"
 COMMANDS = [

@@ -15,7 +15,7 @@ import pytest
 
 from sarmitsuba import cli
 from sarmitsuba.commands.console import Console
-from sarmitsuba.errors import BackendError, RadarError, SceneError
+from sarmitsuba.core.errors import BackendError, RadarError, SceneError
 from sarmitsuba.version import __version__
 
 LIST = ".sarmitsuba.json"
@@ -109,7 +109,7 @@ def test_errors_are_one_line(
     def fail(*_: Any, **__: Any) -> None:
         raise error
 
-    monkeypatch.setattr("sarmitsuba.simulation.render.execute", fail)
+    monkeypatch.setattr("sarmitsuba.simulation.execution.render.execute", fail)
     out = tmp_path / "out"
     assert cli.main(["render", "box", "-o", str(out)]) == status
     assert capsys.readouterr().err.splitlines()[-1] == line
@@ -244,7 +244,7 @@ def test_interrupt_leaves_no_half_written_file(tmp_path: Path) -> None:
         def wait(*a, **k):
             print("working", flush=True)
             time.sleep(30)
-        import sarmitsuba.simulation.render as renders
+        import sarmitsuba.simulation.execution.render as renders
         renders.execute = wait
         sys.exit(cli.main(["render", "box", "-o", {str(tmp_path / "out")!r}]))
     """

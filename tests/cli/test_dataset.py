@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.datasets import generate, sample
-from sarmitsuba.datasets.draw import Drawer, DrawnSample
-from sarmitsuba.errors import OutputError, RadarError, ResourceError
-from sarmitsuba.loader.library import scenes_dir
+from sarmitsuba.apps.datasets import generate, sample
+from sarmitsuba.apps.datasets.draw import Drawer, DrawnSample
+from sarmitsuba.core.errors import OutputError, RadarError, ResourceError
+from sarmitsuba.loading.library import scenes_dir
 
 RECIPE = """
 [dataset]
@@ -92,7 +92,7 @@ def test_a_sample_alone_has_the_bits_of_the_whole(whole: Path, recipe: Path, tmp
 KILLED = """
 import os, signal, sys
 from sarmitsuba import cli
-from sarmitsuba.datasets import generate
+from sarmitsuba.apps.datasets import generate
 append = generate.append
 def then_end(journal, sample):
     size = append(journal, sample)

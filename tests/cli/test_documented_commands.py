@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from sarmitsuba.cli import build_parser
-from sarmitsuba.loader.library import list_scenes
-from sarmitsuba.validation.cases import CASES
+from sarmitsuba.loading.library import list_scenes
+from sarmitsuba.truth.validation.cases import CASES
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted(ROOT.glob("docs/*.md"))

@@ -10,7 +10,7 @@ import pytest
 from sarmitsuba.cli import EXIT_OK, EXIT_USER, main
 
 MODE = """
-from sarmitsuba.parameters import Param
+from sarmitsuba.core.parameters import Param
 from sarmitsuba.radar.mode import MODES
 from sarmitsuba.radar.modes.stripmap import Stripmap
 

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.errors import DataError
-from sarmitsuba.io.journal import MAGIC
-from sarmitsuba.io.output import MANIFEST
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.machine.journal import MAGIC
+from sarmitsuba.machine.output import MANIFEST
 from sarmitsuba.scene.scene import Scene
 
 LONG = "c" * 300
@@ -49,19 +49,23 @@ def test_passes_of_others_are_refused_before_the_simulation(
 @pytest.mark.parametrize(
     ("command", "name", "work"),
     [
-        ("cost plate -o {out}", "cost.md", "sarmitsuba.cost.study.study_cost"),
-        ("cost plate -o {out}", "cost.json", "sarmitsuba.cost.study.study_cost"),
-        ("cost plate -o {out}", "cost.png", "sarmitsuba.cost.study.study_cost"),
-        ("validate --case plate -o {out}", "images/validation/plate.png", "sarmitsuba.validation.run_cases.run_case"),
-        ("validate -o {out}", "validation.md", "sarmitsuba.validation.run_cases.run_case"),
-        ("view {out}", "page.html", "sarmitsuba.page.run_folder.read_run"),
-        ("view {out} -o {out}/mine.html", "mine.html", "sarmitsuba.page.run_folder.read_run"),
-        ("view {out} -o {out}/page.html", "page.html", "sarmitsuba.page.run_folder.read_run"),
-        ("picture {out}/image.h5 -o {out}/mine.png", "mine.png", "sarmitsuba.io.read_image"),
-        ("quality {out}/image.h5", "quality.png", "sarmitsuba.io.read_image"),
-        ("polarimetry {out}/image.h5", "polarimetry.json", "sarmitsuba.io.read_image"),
-        ("interferogram {out}/a.h5 {out}/b.h5", "interferogram.json", "sarmitsuba.io.read_image"),
-        ("import {out}/a.ply -o {out}/b.xml", "b.xml", "sarmitsuba.importing.convert.find_source"),
+        ("cost plate -o {out}", "cost.md", "sarmitsuba.apps.cost.study.study_cost"),
+        ("cost plate -o {out}", "cost.json", "sarmitsuba.apps.cost.study.study_cost"),
+        ("cost plate -o {out}", "cost.png", "sarmitsuba.apps.cost.study.study_cost"),
+        (
+            "validate --case plate -o {out}",
+            "images/validation/plate.png",
+            "sarmitsuba.truth.validation.run_cases.run_case",
+        ),
+        ("validate -o {out}", "validation.md", "sarmitsuba.truth.validation.run_cases.run_case"),
+        ("view {out}", "page.html", "sarmitsuba.view.page.run_folder.read_run"),
+        ("view {out} -o {out}/mine.html", "mine.html", "sarmitsuba.view.page.run_folder.read_run"),
+        ("view {out} -o {out}/page.html", "page.html", "sarmitsuba.view.page.run_folder.read_run"),
+        ("picture {out}/image.h5 -o {out}/mine.png", "mine.png", "sarmitsuba.files.read_image"),
+        ("quality {out}/image.h5", "quality.png", "sarmitsuba.files.read_image"),
+        ("polarimetry {out}/image.h5", "polarimetry.json", "sarmitsuba.files.read_image"),
+        ("interferogram {out}/a.h5 {out}/b.h5", "interferogram.json", "sarmitsuba.files.read_image"),
+        ("import {out}/a.ply -o {out}/b.xml", "b.xml", "sarmitsuba.loading.importing.convert.find_source"),
         ("scenes --copy plate {out}", "plate.xml", "shutil.copyfile"),
     ],
 )  # fmt: skip
@@ -128,7 +132,7 @@ def test_names_that_are_too_long_are_one_line(
 
 
 def test_a_record_with_names_that_are_too_long_is_one_line(tmp_path: Path) -> None:
-    from sarmitsuba.page.run_folder import _scene
+    from sarmitsuba.view.page.run_folder import _scene
 
     with pytest.raises(DataError, match="does not exist any more"):
         _scene({"scene": LONGER, "definitions": {}}, tmp_path, False)

@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 
 from sarmitsuba import cli
-from sarmitsuba.io import read_image, read_raw, write_raw
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.files import read_image, read_raw, write_raw
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.simulation.execution.render import simulate
 
 FIELD = """<scene version="3.0.0">
     <default name="level" value="-10"/>

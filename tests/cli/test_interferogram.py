@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.io import read_image, read_raw
+from sarmitsuba.files import read_image, read_raw
 
 
 @pytest.fixture(scope="module")

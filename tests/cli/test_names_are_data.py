@@ -13,7 +13,7 @@ from matplotlib.text import Text
 
 import sarmitsuba
 from sarmitsuba import cli
-from sarmitsuba.loader.build import build_scene
+from sarmitsuba.loading.build import build_scene
 from sarmitsuba.scene.geometry import PointTarget
 
 SCENE = """<scene version="3.0.0">

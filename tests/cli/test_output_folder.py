@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-import sarmitsuba.simulation.render
+import sarmitsuba.simulation.execution.render
 from sarmitsuba import cli
-from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.errors import DataError, OutputError
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.io import FORMATS, FileFormat, read_image, read_raw
-from sarmitsuba.io.journal import Journal
-from sarmitsuba.io.output import MANIFEST
+from sarmitsuba.core.errors import DataError, OutputError
+from sarmitsuba.files import FORMATS, FileFormat, read_image, read_raw
+from sarmitsuba.machine.journal import Journal
+from sarmitsuba.machine.output import MANIFEST
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.raw.raw_data import RawData
 
 
 def render(out: Path, *options: str) -> int:
@@ -59,7 +59,8 @@ def test_a_focuser_that_cannot_do_the_grid_is_refused_before_the_simulation(
     simulations: list[Scene], tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "sarmitsuba.focusing.focusers.omega_k.OmegaK.refusal", lambda self, radar, grid: "not this grid"
+        "sarmitsuba.signal.focusing.focusers.omega_k.OmegaK.refusal",
+        lambda self, radar, grid: "not this grid",
     )
     assert render(tmp_path / "out", "--focuser", "omega_k") == 2
     assert "focuser omega_k: not this grid; take focuser backprojection" in capsys.readouterr().err
@@ -130,16 +131,16 @@ def test_a_corrected_command_uses_the_raw_data_that_are_there(
 def test_a_run_that_failed_while_focusing_goes_on_from_its_raw_data(
     simulations: list[Scene], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import sarmitsuba.focusing
+    import sarmitsuba.signal.focusing
 
     def fail(*_: Any, **__: Any) -> None:
         raise DataError("no")
 
-    good = sarmitsuba.focusing.focus
-    monkeypatch.setattr(sarmitsuba.focusing, "focus", fail)
+    good = sarmitsuba.signal.focusing.focus
+    monkeypatch.setattr(sarmitsuba.signal.focusing, "focus", fail)
     assert render(tmp_path / "out", "--quiet") == 2
     assert names(tmp_path / "out") == {"raw.h5", MANIFEST}
-    monkeypatch.setattr(sarmitsuba.focusing, "focus", good)
+    monkeypatch.setattr(sarmitsuba.signal.focusing, "focus", good)
     assert render(tmp_path / "out", "--quiet") == 0
     assert len(simulations) == 1 and "image.h5" in names(tmp_path / "out")
 
@@ -154,14 +155,14 @@ def test_an_interrupted_run_of_many_passes_goes_on(
         state.write_text("a pass")
         raise KeyboardInterrupt
 
-    once = sarmitsuba.simulation.render.execute
+    once = sarmitsuba.simulation.execution.render.execute
 
     def execute(scene: Scene, options: Any, **how: Any) -> Any:
         if scene.settings.adds_passes:
             refine(scene, **how)
         return once(scene, options, **how)
 
-    monkeypatch.setattr("sarmitsuba.simulation.render.execute", execute)
+    monkeypatch.setattr("sarmitsuba.simulation.execution.render.execute", execute)
     out = tmp_path / "out"
     goal = ("--target-error", "-40", "--quiet")
     for options in ((), (), ("--target-error", "-30"), ("--force",), ()):

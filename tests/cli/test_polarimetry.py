@@ -10,8 +10,8 @@ import pytest
 
 from sarmitsuba import cli
 from sarmitsuba.radar.polarisation import LINEAR
-from sarmitsuba.validation.chain import make_scene
-from sarmitsuba.validation.targets import PEC, wall_and_ground
+from sarmitsuba.truth.validation.chain import make_scene
+from sarmitsuba.truth.validation.targets import PEC, wall_and_ground
 from tests.support.unweighted import render
 
 RADAR = {

@@ -15,7 +15,13 @@ from sarmitsuba import cli
 from sarmitsuba.commands import focus, link, rcs, render
 from sarmitsuba.radar.swath import fast_length
 
-HEAVY = ("sarmitsuba.simulation", "sarmitsuba.trace", "sarmitsuba.focusing", "matplotlib", "trimesh")
+HEAVY = (
+    "sarmitsuba.simulation",
+    "sarmitsuba.tracing.kernel",
+    "sarmitsuba.signal.focusing",
+    "matplotlib",
+    "trimesh",
+)
 SCIPY = ("scipy.special", "scipy.fft", "scipy.sparse", "scipy.optimize", "scipy.ndimage", "scipy.linalg")
 
 

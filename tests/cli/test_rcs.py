@@ -11,8 +11,8 @@ import pytest
 import trimesh
 
 from sarmitsuba.cli import main
-from sarmitsuba.io import read_image
-from sarmitsuba.theory.canonical_rcs import plate_amplitude
+from sarmitsuba.files import read_image
+from sarmitsuba.truth.theory.canonical_rcs import plate_amplitude
 
 
 def table(folder: Path) -> dict[str, np.ndarray]:

@@ -12,10 +12,10 @@ import OpenEXR
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.io import read_image, read_raw
-from sarmitsuba.loader.library import scenes_dir
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.simulation.fingerprint import fingerprint
+from sarmitsuba.files import read_image, read_raw
+from sarmitsuba.loading.library import scenes_dir
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.simulation.execution.fingerprint import fingerprint
 
 RESULTS = {
     "accuracy.png",
@@ -243,8 +243,8 @@ def test_files_are_in_the_frame_of_the_scene_file(tmp_path: Path, method: str, g
 def test_a_fingerprint_is_the_same_in_every_process_and_sees_every_setting(tmp_path: Path) -> None:
     code = """
 import sys
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.simulation.fingerprint import fingerprint
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.simulation.execution.fingerprint import fingerprint
 print(fingerprint(load_scene("dihedral"), [sys.argv[1]]))
 """
     extension = tmp_path / "mine.py"

@@ -14,17 +14,17 @@ import numpy as np
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.echo.raw_data import RawData
+from sarmitsuba.core.errors import OutputError
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan
-from sarmitsuba.errors import OutputError
-from sarmitsuba.io import read_image, read_raw
-from sarmitsuba.io.output import MANIFEST, OutputFolder, output_folder
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.files import read_image, read_raw
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.machine.output import MANIFEST, OutputFolder, output_folder
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation import batches, tracing, witnesses
-from sarmitsuba.simulation.blocks import Blocks
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.simulation.execution import batches, tracing, witnesses
+from sarmitsuba.simulation.execution.blocks import Blocks
+from sarmitsuba.simulation.execution.render import simulate
 from tests.support.unweighted import refine
 
 BOX = """<scene version="3.0.0">

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.loader.kept_paths import found_path, kept_path
-from sarmitsuba.loader.library import resolve, resolve_radar
+from sarmitsuba.loading.kept_paths import found_path, kept_path
+from sarmitsuba.loading.library import resolve, resolve_radar
 
 BOX = (
     '<scene version="3.0.0"><sensor type="sar_antenna"><integer name="n_pulses" value="16"/>'

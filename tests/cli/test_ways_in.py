@@ -8,7 +8,7 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba import cli
-from sarmitsuba.errors import DataError, SarmitsubaWarning
+from sarmitsuba.core.errors import DataError, SarmitsubaWarning
 
 SMALL = {
     "range_film.pixels_azimuth": "16",

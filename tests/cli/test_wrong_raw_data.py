@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.io import write_raw
+from sarmitsuba.files import write_raw
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 
 # every dataset with one row per pulse
 PER_PULSE = (

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.focusing.aperture_weights import direction_gain, look_directions
-from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy
-from sarmitsuba.focusing.grid import default_grid
-from sarmitsuba.focusing.ideal import ideal_radar
-from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.signal.focusing.aperture_weights import direction_gain, look_directions
+from sarmitsuba.signal.focusing.focusers.backprojection import backproject, backproject_numpy
+from sarmitsuba.signal.focusing.grid import default_grid
+from sarmitsuba.signal.focusing.ideal import ideal_radar
+from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.raw.raw_data import Layer, RawData
 
 
 def noise_data(radar: Radar, n_layers: int = 1, seed: int = 0) -> RawData:

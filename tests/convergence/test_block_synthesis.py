@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.echo import direct
-from sarmitsuba.echo.block import choose_block_length, plan_block, spread_reference
-from sarmitsuba.echo.block_synthesis import synthesise
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.track import Track
+from sarmitsuba.signal.raw import direct
+from sarmitsuba.signal.raw.block import choose_block_length, plan_block, spread_reference
+from sarmitsuba.signal.raw.block_synthesis import synthesise
 
 
 def _path_lengths(track, plan, a, b):

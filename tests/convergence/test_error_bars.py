@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.simulation.raw import echoes
-from sarmitsuba.simulation.refinement.error_bars import PASSES, estimate_error
-from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
-from sarmitsuba.simulation.sampling.piece import crop
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.simulation.execution.raw import echoes
+from sarmitsuba.simulation.execution.refinement.error_bars import PASSES, estimate_error
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
+from sarmitsuba.simulation.planning.sampling.piece import crop
 from tests.support.unweighted import focus, refine, render
 
 # draws of both lattices that are averaged

@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy
-from sarmitsuba.focusing.grid import default_grid
-from sarmitsuba.focusing.ideal import ideal_radar
-from sarmitsuba.focusing.pixel_lines import LONGEST_LINE, nodes_needed, plan_line
-from sarmitsuba.focusing.profiles import plan_profiles
-from sarmitsuba.focusing.windows import parse_window
-from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.signal.focusing.focusers.backprojection import backproject, backproject_numpy
+from sarmitsuba.signal.focusing.grid import default_grid
+from sarmitsuba.signal.focusing.ideal import ideal_radar
+from sarmitsuba.signal.focusing.pixel_lines import LONGEST_LINE, nodes_needed, plan_line
+from sarmitsuba.signal.focusing.profiles import plan_profiles
+from sarmitsuba.signal.focusing.windows import parse_window
+from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.raw.raw_data import Layer, RawData
 
 
 def noise_data(radar: Radar, seed: int) -> RawData:

@@ -7,7 +7,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from sarmitsuba.backend import ensure_backend, mi
+from sarmitsuba.machine.backend import ensure_backend, mi
 from sarmitsuba.scene.geometry import Geometry
 
 

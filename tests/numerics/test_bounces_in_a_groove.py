@@ -5,7 +5,7 @@ import pytest
 
 from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene, simulate
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.simulation.pilot import plan_scene
+from sarmitsuba.simulation.planning.pilot import plan_scene
 from tests.support.unweighted import focus
 
 # m, of the walls: along the groove, and down to its edge

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.materials.material import Material
-from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.trace import field
-from sarmitsuba.trace.launch import LaunchFrame
-from sarmitsuba.validation.targets import PEC, geometry, parallelogram
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.machine.backend import dr, ensure_backend, mi
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.simulation.execution.rcs import monostatic_rcs
+from sarmitsuba.tracing.kernel import field
+from sarmitsuba.tracing.kernel.launch import LaunchFrame
+from sarmitsuba.truth.validation.targets import PEC, geometry, parallelogram
 from tests.support.paths import record_paths, square_grid
 
 FREQUENCY = 9.65e9

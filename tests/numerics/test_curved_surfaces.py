@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.loader.collect import SAGITTA_OVER_WAVELENGTH
-from sarmitsuba.mesh import curvature
-from sarmitsuba.mesh.curvature import facet_curvature
-from sarmitsuba.mesh.tessellate import cylinder, sphere
-from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.theory.canonical_rcs import cylinder_rcs
-from sarmitsuba.theory.mie import sphere_po
-from sarmitsuba.trace.launch import frame_towards, lattice
-from sarmitsuba.validation.targets import PEC, geometry, parallelogram
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.loading.collect import SAGITTA_OVER_WAVELENGTH
+from sarmitsuba.scene.mesh import curvature
+from sarmitsuba.scene.mesh.curvature import facet_curvature
+from sarmitsuba.scene.mesh.tessellate import cylinder, sphere
+from sarmitsuba.simulation.execution.rcs import monostatic_rcs
+from sarmitsuba.tracing.kernel.launch import frame_towards, lattice
+from sarmitsuba.truth.theory.canonical_rcs import cylinder_rcs
+from sarmitsuba.truth.theory.mie import sphere_po
+from sarmitsuba.truth.validation.targets import PEC, geometry, parallelogram
 from tests.support.paths import record_paths
 
 FREQUENCY = 9.65e9

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from sarmitsuba.backend import dr, ensure_backend
-from sarmitsuba.datasets.draw import Drawer
-from sarmitsuba.datasets.sample import make_sample
+from sarmitsuba.apps.datasets.draw import Drawer
+from sarmitsuba.apps.datasets.sample import make_sample
+from sarmitsuba.machine.backend import dr, ensure_backend
 
 RECIPE = """
 [dataset]

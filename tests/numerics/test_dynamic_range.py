@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.echo.direct import plan_direct, spread_reference
+from sarmitsuba.machine.backend import dr, ensure_backend, mi
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
-from sarmitsuba.trace.accumulators import DirectAccumulator
-from sarmitsuba.trace.state import Contribution
+from sarmitsuba.signal.raw.direct import plan_direct, spread_reference
+from sarmitsuba.tracing.kernel.accumulators import DirectAccumulator
+from sarmitsuba.tracing.kernel.state import Contribution
 
 
 def radar_over_box() -> tuple[Radar, np.ndarray]:
@@ -92,7 +92,7 @@ def test_sixty_dbsm_beside_clutter(row) -> None:
     )
 
 
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # few pulses, few rays
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")  # few pulses, few rays
 @pytest.mark.parametrize("method", ["hybrid", pytest.param("raw", marks=pytest.mark.slow)])
 def test_same_result_for_any_threads_and_batches(row, monkeypatch, method: str) -> None:
     """Same seed: threads and batch sizes change only the order of float64 sums.
@@ -122,7 +122,9 @@ def test_same_result_for_any_threads_and_batches(row, monkeypatch, method: str) 
     finally:
         dr.set_thread_count(threads)
     changes["again"] = float(np.abs(sarmitsuba.simulate(scene).data - first).max() / peak)
-    monkeypatch.setattr(importlib.import_module("sarmitsuba.simulation.tracing"), "MAX_LANES", 20_000)
+    monkeypatch.setattr(
+        importlib.import_module("sarmitsuba.simulation.execution.tracing"), "MAX_LANES", 20_000
+    )
     changes["small batches"] = float(np.abs(sarmitsuba.simulate(scene).data - first).max() / peak)
     print(changes)
     row(

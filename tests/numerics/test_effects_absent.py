@@ -12,12 +12,12 @@ from sarmitsuba.effects.catalog.full_wave import FULL_WAVE
 from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan
-from sarmitsuba.loader.library import resolve
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.materials.material import Material
+from sarmitsuba.loading.library import resolve
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.radar.antenna import Antenna
+from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.simulation.execution.render import simulate
 
 # switches of the kernel that an effect of the plan sets
 SWITCHES = (
@@ -68,7 +68,7 @@ def history() -> Iterator[Any]:
     """Dr.Jit's record of the kernels that ran."""
     import drjit as dr
 
-    from sarmitsuba.backend import ensure_backend
+    from sarmitsuba.machine.backend import ensure_backend
 
     ensure_backend()
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
@@ -105,7 +105,7 @@ def test_every_effect_switched_off_shrinks_the_kernel(tiny: Scene, history: Any)
 
 
 @pytest.mark.filterwarnings(
-    "ignore::sarmitsuba.errors.SarmitsubaWarning"
+    "ignore::sarmitsuba.core.errors.SarmitsubaWarning"
 )  # of rays without the phase of tubes
 def test_an_effect_without_work_leaves_the_same_kernel(tiny: Scene, history: Any) -> None:
     """Switching on what another switch made void adds no instruction: nothing of it is left to pay for."""
@@ -128,7 +128,7 @@ def test_an_effect_without_work_leaves_the_same_kernel(tiny: Scene, history: Any
     assert kernel_size(history, one, bare) == kernel_size(history, one, with_words)
 
 
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 @pytest.mark.parametrize(
     "seed", [0, 1, 2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 8))]
 )

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.backend import dr, mi
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.mesh.ply import write_ply
-from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, frame_towards, lattice
-from sarmitsuba.validation.targets import PEC, geometry, parallelogram
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.machine.backend import dr, mi
+from sarmitsuba.scene.mesh.ply import write_ply
+from sarmitsuba.tracing.kernel.launch import LaunchFrame, LaunchGrid, frame_towards, lattice
+from sarmitsuba.truth.validation.targets import PEC, geometry, parallelogram
 from tests.support.paths import coherent_flags, record_paths
 from tests.support.unweighted import focus
 

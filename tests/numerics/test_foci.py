@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.special import hankel2
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.validation.targets import PEC, geometry
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.simulation.execution.rcs import monostatic_rcs
+from sarmitsuba.truth.validation.targets import PEC, geometry
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

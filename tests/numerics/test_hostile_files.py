@@ -9,20 +9,21 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from sarmitsuba import cli, exclusive
+from sarmitsuba import cli
 from sarmitsuba.commands.scenes import copy_scene
-from sarmitsuba.echo.raw_data import Layer
-from sarmitsuba.errors import DataError, RadarError, SarmitsubaError, SceneError
-from sarmitsuba.io import read_raw
-from sarmitsuba.isolated import survive
-from sarmitsuba.kernel_cache import CACHE_VARIABLE, prepare_kernel_cache
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.core.errors import DataError, RadarError, SarmitsubaError, SceneError
+from sarmitsuba.files import read_raw
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.machine import exclusive
+from sarmitsuba.machine.isolated import survive
+from sarmitsuba.machine.kernel_cache import CACHE_VARIABLE, prepare_kernel_cache
 from sarmitsuba.radar.ephemeris import StateVectors
-from sarmitsuba.simulation.refinement.running_mean import Passes, PassLayout
+from sarmitsuba.signal.raw.raw_data import Layer
+from sarmitsuba.simulation.execution.refinement.running_mean import Passes, PassLayout
 from tests.support.draws import few_of
 
 # shapes without a material are said to be read as concrete
-pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 
 LAYOUT = PassLayout((Layer("VV"),), 3, 3, 10.0)
 # what is read in this process; the others may take it down, and have their readers tried apart
@@ -200,7 +201,7 @@ def test_readers_that_die_are_refused(tmp_path: Path, monkeypatch: pytest.Monkey
         survive(path, lambda: os.kill(os.getpid(), signal.SIGSEGV))
     with pytest.raises(DataError, match="never ends"):
         survive(path, lambda: os.kill(os.getpid(), signal.SIGXCPU))
-    monkeypatch.setattr("sarmitsuba.isolated._PATIENCE", 0.02)
+    monkeypatch.setattr("sarmitsuba.machine.isolated._PATIENCE", 0.02)
     with pytest.raises(DataError, match="never ends"):
         survive(path, signal.pause)
 

@@ -15,17 +15,17 @@ import numpy as np
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.echo.raw_data import Layer
-from sarmitsuba.errors import DataError, OutputError, SarmitsubaError
-from sarmitsuba.io import read_image, read_raw, write_image
-from sarmitsuba.io.atomic import make_folder
-from sarmitsuba.io.journal import Journal
-from sarmitsuba.io.output import OutputFile, OutputFolder
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.page.run_folder import read_run
-from sarmitsuba.simulation.refinement.running_mean import Passes, PassLayout
+from sarmitsuba.core.errors import DataError, OutputError, SarmitsubaError
+from sarmitsuba.files import read_image, read_raw, write_image
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.machine.atomic import make_folder
+from sarmitsuba.machine.journal import Journal
+from sarmitsuba.machine.output import OutputFile, OutputFolder
+from sarmitsuba.signal.raw.raw_data import Layer
+from sarmitsuba.simulation.execution.refinement.running_mean import Passes, PassLayout
+from sarmitsuba.view.page.run_folder import read_run
 
-pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 
 ROOT = Path(__file__).parents[2]
 KINDS = (
@@ -142,7 +142,7 @@ def test_passes_that_are_a_pipe_hold_nobody_up(tmp_path: Path) -> None:
 
 
 def test_a_journal_ends_where_a_label_is_none(tmp_path: Path) -> None:
-    from sarmitsuba.io import journal
+    from sarmitsuba.machine import journal
 
     with closing(Journal(tmp_path / "raw.blocks", lambda label, payload: True)) as written:
         written.append({"x": 1}, np.arange(3.0))
@@ -161,7 +161,7 @@ def test_maps_on_meshes_of_structured_ply_files(samples: Path) -> None:
     path = samples / "uv.xml"
     text = (samples / "files.xml").read_text().replace('<string name="map_extent" value="-3 -2 3 2"/>', "")
     path.write_text(text)
-    from sarmitsuba.errors import SceneError
+    from sarmitsuba.core.errors import SceneError
 
     with pytest.raises(SceneError, match='has no attribute "uv"'):
         load_scene(path)
@@ -170,7 +170,7 @@ def test_maps_on_meshes_of_structured_ply_files(samples: Path) -> None:
 def test_phase_histories_have_places_that_can_be(samples: Path, tmp_path: Path) -> None:
     import scipy.io
 
-    from sarmitsuba.io import read_raw
+    from sarmitsuba.files import read_raw
 
     found = scipy.io.loadmat(samples / "raw.mat")["data"][0, 0]
     fields = {name: found[name] for name in found.dtype.names}
@@ -183,7 +183,7 @@ def test_phase_histories_have_places_that_can_be(samples: Path, tmp_path: Path) 
 
 @pytest.mark.parametrize("element", ["ImageAreaCornerPoints", "CODTimePoly", "Parameters"])
 def test_documents_without_an_element_are_refused(samples: Path, tmp_path: Path, element: str) -> None:
-    from sarmitsuba.io import read_image, read_raw
+    from sarmitsuba.files import read_image, read_raw
 
     for name, tags in (("raw.cphd", (element,)), ("image.nitf", ("WFParameters", "IPPPoly", "UVectECF"))):
         whole = (samples / name).read_bytes()
@@ -199,8 +199,8 @@ def test_documents_without_an_element_are_refused(samples: Path, tmp_path: Path,
 
 def test_outlines_with_corners_twice_and_rings_in_rings(tmp_path: Path) -> None:
     shapely = pytest.importorskip("shapely", minversion="2.1", reason="in the importing extra")
-    from sarmitsuba.importing.polygons import triangulate
-    from sarmitsuba.importing.sources.citygml import _outermost
+    from sarmitsuba.loading.importing.polygons import triangulate
+    from sarmitsuba.loading.importing.sources.citygml import _outermost
 
     ring = [(0, 0), (4, 0), (4, 3), (4, 3), (4, 3), (0, 3), (0, 0), (0, 0)]
     corners, faces = triangulate(shapely.Polygon(ring))

@@ -9,14 +9,14 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import sarmitsuba
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import SarmitsubaWarning, SceneError
-from sarmitsuba.materials.diffuse import diffuse_tables, spectrum_table
-from sarmitsuba.materials.diffuse_law import LAWS
-from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.named_materials import permittivity_from_conductivity
-from sarmitsuba.simulation.rcs import RcsResult, monostatic_rcs
-from sarmitsuba.validation.targets import PEC, dihedral
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import SarmitsubaWarning, SceneError
+from sarmitsuba.scene.materials.diffuse import diffuse_tables, spectrum_table
+from sarmitsuba.scene.materials.diffuse_law import LAWS
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.materials.named_materials import permittivity_from_conductivity
+from sarmitsuba.simulation.execution.rcs import RcsResult, monostatic_rcs
+from sarmitsuba.truth.validation.targets import PEC, dihedral
 from tests.support.paths import coherent_flags
 
 FREQUENCY = 9.65e9

@@ -7,18 +7,18 @@ import pytest
 import trimesh
 
 import sarmitsuba
-from sarmitsuba.backend import mi
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.loader.build import SceneMesh, build_scene
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.loading.build import SceneMesh, build_scene
+from sarmitsuba.machine.backend import mi
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.trace.accumulators import phase_factor
-from sarmitsuba.trace.launch import frame_towards, lattice
-from sarmitsuba.trace.scene_tables import build_trace_scene
-from sarmitsuba.validation.targets import PEC, geometry, parallelogram
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.tracing.kernel.accumulators import phase_factor
+from sarmitsuba.tracing.kernel.launch import frame_towards, lattice
+from sarmitsuba.tracing.kernel.scene_tables import build_trace_scene
+from sarmitsuba.truth.validation.targets import PEC, geometry, parallelogram
 from tests.support.paths import coherent_flags, record_paths
 from tests.support.unweighted import focus
 

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.backend import mi
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import SceneError
-from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.cleaning import clean_mesh
-from sarmitsuba.mesh.ply import write_ply
-from sarmitsuba.mesh.smooth_groups import smooth_groups
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import SceneError
+from sarmitsuba.machine.backend import mi
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.validation.targets import PEC, geometry, parallelogram
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.mesh.cleaning import clean_mesh
+from sarmitsuba.scene.mesh.ply import write_ply
+from sarmitsuba.scene.mesh.smooth_groups import smooth_groups
+from sarmitsuba.simulation.execution.rcs import monostatic_rcs
+from sarmitsuba.truth.validation.targets import PEC, geometry, parallelogram
 from tests.support.paths import aimed_at, record_paths
 
 FREQUENCY = 9.65e9

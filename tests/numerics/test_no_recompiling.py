@@ -15,14 +15,14 @@ CHILD = """
 import json, os, random, sys, warnings
 if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-from sarmitsuba.backend import ensure_backend
+from sarmitsuba.machine.backend import ensure_backend
 ensure_backend()
 import drjit as dr
-from sarmitsuba.echo.chirp import to_chirped
-from sarmitsuba.focusing import focus
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.simulation.render import render
+from sarmitsuba.signal.raw.chirp import to_chirped
+from sarmitsuba.signal.focusing import focus
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.simulation.execution.render import render
 
 warnings.simplefilter("ignore")
 dr.set_flag(dr.JitFlag.KernelHistory, True)

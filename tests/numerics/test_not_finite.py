@@ -10,15 +10,15 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from sarmitsuba.errors import DataError, RadarError, SceneError
-from sarmitsuba.finite import all_finite
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.core.errors import DataError, RadarError, SceneError
+from sarmitsuba.core.finite import all_finite
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.path_table import trace_paths
-from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
-from sarmitsuba.validation import targets
+from sarmitsuba.simulation.execution.path_table import trace_paths
+from sarmitsuba.simulation.execution.rcs import monostatic_rcs
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
+from sarmitsuba.truth.validation import targets
 from tests.support.unweighted import focus, render
 
 ROOT = Path(__file__).parents[2]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sarmitsuba import Motion, PointTarget, RadarDescription, Scene, SceneMesh, build_scene, simulate
-from sarmitsuba.arrays import C64
-from sarmitsuba.backend import dr
+from sarmitsuba.core.arrays import C64
+from sarmitsuba.machine.backend import dr
 from sarmitsuba.radar.film import FilmDescription
 
 RADAR = RadarDescription(
@@ -60,7 +60,9 @@ MENTIONED = replace(
     latitude_deg=48.0,
 )
 
-pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # effects switched off
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::sarmitsuba.core.errors.SarmitsubaWarning"
+)  # effects switched off
 
 
 def test_what_is_off_or_nothing_is_as_if_it_were_not_there() -> None:

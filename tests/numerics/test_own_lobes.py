@@ -7,17 +7,19 @@ import numpy as np
 import pytest
 
 from sarmitsuba import PointTarget, RadarDescription, Scene, SceneMesh, build_scene, simulate
-from sarmitsuba.arrays import F64
-from sarmitsuba.backend import dr, mi
-from sarmitsuba.parameters import Param
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.parameters import Param
+from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.scatterers import SCATTERERS, ScattererTarget
-from sarmitsuba.trace.reflectors import LocalWaves, Reflector
+from sarmitsuba.tracing.scatterers.reflectors.reflector import LocalWaves, Reflector
 
 GROUND = np.array([[-30.0, -30.0, 0.0], [30.0, -30.0, 0.0], [30.0, 30.0, 0.0], [-30.0, 30.0, 0.0]])
 FACES = [[0, 1, 2], [0, 2, 3]]
 
-pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # effects switched off
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::sarmitsuba.core.errors.SarmitsubaWarning"
+)  # effects switched off
 
 
 class Beacon(Reflector):

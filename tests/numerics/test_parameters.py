@@ -12,9 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import sarmitsuba
-from sarmitsuba.errors import SarmitsubaError
-from sarmitsuba.loader import tables
-from sarmitsuba.parameters import Param
+from sarmitsuba.core.errors import SarmitsubaError
+from sarmitsuba.core.parameters import Param
+from sarmitsuba.loading import tables
 
 SCENE = """<scene version="3.0.0">
   <integrator type="sar_path">{sar_path}</integrator>

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.backend import ensure_backend
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.materials.material import Material
+from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.simulation.point_legs import PointLegs
-from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.simulation.execution.point_legs import PointLegs
+from sarmitsuba.tracing.kernel.scene_tables import TraceScene, build_trace_scene
 from tests.support.unweighted import focus
 
 WAVELENGTH = 0.03

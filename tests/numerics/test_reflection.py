@@ -4,12 +4,12 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.materials.material import Material
-from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.trace import field
-from sarmitsuba.validation.targets import PEC, geometry, parallelogram, plate
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.machine.backend import dr, ensure_backend, mi
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.simulation.execution.rcs import monostatic_rcs
+from sarmitsuba.tracing.kernel import field
+from sarmitsuba.truth.validation.targets import PEC, geometry, parallelogram, plate
 from tests.support.paths import aimed_at, coherent_flags, record_paths
 
 FREQUENCY = 9.65e9

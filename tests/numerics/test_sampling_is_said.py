@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.errors import RadarError, SarmitsubaWarning
-from sarmitsuba.image.metrics import point_target_in
-from sarmitsuba.simulation.raw import _check_energy
-from sarmitsuba.simulation.sampling import small_parts
-from sarmitsuba.simulation.statistics import TraceStatistics
+from sarmitsuba.core.errors import RadarError, SarmitsubaWarning
+from sarmitsuba.signal.image.metrics import point_target_in
+from sarmitsuba.simulation.execution.raw import _check_energy
+from sarmitsuba.simulation.execution.statistics import TraceStatistics
+from sarmitsuba.simulation.planning.sampling import small_parts
 from tests.support.unweighted import focus
 
 SCENE = """<scene version="3.0.0">

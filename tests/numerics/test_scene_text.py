@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from sarmitsuba.backend import mi
 from sarmitsuba.commands.scenes import copy_scene
-from sarmitsuba.errors import SceneError
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.loader.references import check_document
-from sarmitsuba.loader.scene_text import read_scene_text
+from sarmitsuba.core.errors import SceneError
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.loading.references import check_document
+from sarmitsuba.loading.scene_text import read_scene_text
+from sarmitsuba.machine.backend import mi
 
 HEADS = (
     *(b"",) * 20,
@@ -160,7 +160,7 @@ def test_counts_of_includes_are_those_of_reading_them_all(tmp_path: Path) -> Non
         check_document(folder / "i0.xml")
         if len(files) > len(set(files)):
             with pytest.MonkeyPatch.context() as patch:
-                patch.setattr("sarmitsuba.loader.references._MAX_INCLUDES", len(set(files)) - 1)
+                patch.setattr("sarmitsuba.loading.references._MAX_INCLUDES", len(set(files)) - 1)
                 with pytest.raises(SceneError, match=f"expand to {len(files) - 1} files"):
                     check_document(folder / "i0.xml")
             compared += 1

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.machine.backend import dr, ensure_backend, mi
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.theory.canonical_rcs import plate_amplitude
-from sarmitsuba.trace.launch import frame_towards
-from sarmitsuba.trace.scene_tables import build_trace_scene
-from sarmitsuba.validation.targets import PEC, geometry, parallelogram, plate
+from sarmitsuba.simulation.execution.rcs import monostatic_rcs
+from sarmitsuba.tracing.kernel.launch import frame_towards
+from sarmitsuba.tracing.kernel.scene_tables import build_trace_scene
+from sarmitsuba.truth.theory.canonical_rcs import plate_amplitude
+from sarmitsuba.truth.validation.targets import PEC, geometry, parallelogram, plate
 from tests.support.paths import aimed_at, record_paths, square_grid
 
 FREQUENCY = 9.65e9

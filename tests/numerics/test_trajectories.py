@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.errors import DataError, RadarError
-from sarmitsuba.image.metrics import point_target_in
+from sarmitsuba.core.errors import DataError, RadarError
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.signal.image.metrics import point_target_in
 from tests.support.unweighted import focus
 
 SCENE = """<scene version="3.0.0">

@@ -15,18 +15,18 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-import sarmitsuba.page
+import sarmitsuba.view.page
 from sarmitsuba.commands.console import Console
-from sarmitsuba.errors import DataError, SarmitsubaError, SarmitsubaWarning, SceneError
-from sarmitsuba.io import read_image, read_raw, write_image, write_raw
-from sarmitsuba.kernel_cache import CACHE_VARIABLE, prepare_kernel_cache
-from sarmitsuba.loader.maps import MOST_PIXELS, _pixels
-from sarmitsuba.loader.mesh_files import obj_materials, read_parts
+from sarmitsuba.core.errors import DataError, SarmitsubaError, SarmitsubaWarning, SceneError
+from sarmitsuba.files import read_image, read_raw, write_image, write_raw
+from sarmitsuba.loading.maps import MOST_PIXELS, _pixels
+from sarmitsuba.loading.mesh_files import obj_materials, read_parts
+from sarmitsuba.machine.kernel_cache import CACHE_VARIABLE, prepare_kernel_cache
 from sarmitsuba.radar.image_request import ImageRequest
 from tests.support.unweighted import focus
 
 ROOT = Path(__file__).parents[2]
-WEB = Path(sarmitsuba.page.__file__).parent / "web"
+WEB = Path(sarmitsuba.view.page.__file__).parent / "web"
 SCENE = '<scene version="3.0.0">{}</scene>'
 SPECTRUM = SCENE.format('<bsdf type="diffuse"><spectrum name="reflectance" filename="{}"/></bsdf>')
 needs_posix = pytest.mark.skipif(os.name != "posix", reason="pipes, links and signals of Unix")
@@ -154,7 +154,7 @@ def test_a_bitmap_is_measured_before_it_is_unpacked(tmp_path: Path) -> None:
 
 
 def test_what_calls_itself_tif_is_read_as_geotiff_alone(tmp_path: Path) -> None:
-    terrain = pytest.importorskip("sarmitsuba.importing.terrain")
+    terrain = pytest.importorskip("sarmitsuba.loading.importing.terrain")
     pytest.importorskip("rasterio")
     (tmp_path / "x.tif").write_text(
         '<VRTDataset rasterXSize="4" rasterYSize="4"><SRS>EPSG:4326</SRS><GeoTransform>10,1,0,50,0,-1</GeoTransform>'
@@ -267,7 +267,7 @@ def test_one_module_alone_makes_elements_of_text() -> None:
 def test_pages_run_their_own_scripts_alone(tmp_path: Path) -> None:
     import base64
 
-    from sarmitsuba.page.write import write_page
+    from sarmitsuba.view.page.write import write_page
 
     write_page(
         tmp_path / "page.html", {"title": "</title><script>alert(1)</script>", "x": "</script><script>1"}

@@ -7,7 +7,7 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.execution.run import Run
 from tests.support.unweighted import render
 
 SCENE = """<scene version="3.0.0">

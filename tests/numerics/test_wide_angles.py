@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.sampling.launch_window import sectors
+from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.simulation.execution.rcs import monostatic_rcs
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.planning.sampling.launch_window import sectors
 from tests.support.unweighted import focus
 
 REACH = 1000.0

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from sarmitsuba.errors import SarmitsubaError
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.core.errors import SarmitsubaError
+from sarmitsuba.loading.load import load_scene
 
 HANG = 600.0  # s: a watchdog that says where; one scene takes milliseconds
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-import sarmitsuba.page
+import sarmitsuba.view.page
 
-WEB = Path(sarmitsuba.page.__file__).parent / "web"
+WEB = Path(sarmitsuba.view.page.__file__).parent / "web"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 FLAGS = (
     "--headless=new",

@@ -7,19 +7,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.focusers.backprojection import backproject
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focusing.windows import parse_window
-from sarmitsuba.image.metrics import coherence
-from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.loader.build import build_scene
-from sarmitsuba.page.quantised_profiles import page_center, page_grid, page_profiles
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.focusing.focusers.backprojection import backproject
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.focusing.windows import parse_window
+from sarmitsuba.signal.image.metrics import coherence
+from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.view.page.quantised_profiles import page_center, page_grid, page_profiles
 
 FOCUS = """
 const { createBackprojector } = await import("sarmitsuba/backprojector.js");

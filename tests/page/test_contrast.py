@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from sarmitsuba.page import __file__ as package
+from sarmitsuba.view.page import __file__ as package
 
 STYLE = (Path(package).parent / "web" / "style.css").read_text(encoding="utf-8")
 COLOURS = dict(re.findall(r"--(\w+): (#[0-9a-f]{6})", STYLE))

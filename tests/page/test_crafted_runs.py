@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from sarmitsuba.cli import main
-from sarmitsuba.page.rcs_payload import PAGE
-from sarmitsuba.page.run_folder import read_run
-from sarmitsuba.page.write import write_page
+from sarmitsuba.view.page.rcs_payload import PAGE
+from sarmitsuba.view.page.run_folder import read_run
+from sarmitsuba.view.page.write import write_page
 
 # each calls window.ran, which stays undefined unless one of them runs
 EVIL = (
@@ -115,7 +115,7 @@ def test_what_no_reader_lets_through_is_text_too(
     run: Path, silent: Callable[[Path], Any], tmp_path: Path
 ) -> None:
     """Every text of the page's numbers, whatever checks there are before; markup itself is stopped by the policy."""
-    from sarmitsuba.page.payload import page_payload
+    from sarmitsuba.view.page.payload import page_payload
 
     payload = page_payload([read_run(run)], None, lambda _: None)
     write_page(tmp_path / "page.html", crafted(payload, keep=CHOICES))

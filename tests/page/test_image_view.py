@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.focusers.backprojection import backproject
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.image.metrics import coherence
-from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.image.shown_axes import ShownAxes
-from sarmitsuba.page.quantised_profiles import page_grid, page_profiles
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.focusing.focusers.backprojection import backproject
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.image.metrics import coherence
+from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image.shown_axes import ShownAxes
+from sarmitsuba.view.page.quantised_profiles import page_grid, page_profiles
 
 SHOW = """
 const { createImageView } = await import("sarmitsuba/image_view.js");

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.cli import main
-from sarmitsuba.io import read_image, read_raw
+from sarmitsuba.files import read_image, read_raw
 from sarmitsuba.view.display import PictureOptions, prepare
 
 # a quarter of the bridge's image, in coarser cells: seconds instead of half a minute

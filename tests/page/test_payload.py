@@ -13,13 +13,13 @@ import trimesh
 
 from sarmitsuba import WireTarget, build_scene, load_scene
 from sarmitsuba.cli import main
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.page.gltf import GRID, drawn, page_mesh
-from sarmitsuba.page.localise import on_plane
-from sarmitsuba.page.paths import ORDERS, page_paths, pixels_of
-from sarmitsuba.page.write import Packer, write_page
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.simulation.path_table import trace_paths
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.simulation.execution.path_table import trace_paths
+from sarmitsuba.view.page.gltf import GRID, drawn, page_mesh
+from sarmitsuba.view.page.localise import on_plane
+from sarmitsuba.view.page.paths import ORDERS, page_paths, pixels_of
+from sarmitsuba.view.page.write import Packer, write_page
 
 
 def test_points_of_the_plane_are_found_from_range_and_rate() -> None:

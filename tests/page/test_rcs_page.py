@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from sarmitsuba.cli import main
-from sarmitsuba.page.rcs_payload import PAGE
-from sarmitsuba.page.write import write_page
+from sarmitsuba.view.page.rcs_payload import PAGE
+from sarmitsuba.view.page.write import write_page
 
 SWEEP = ("--frequency", "2e9", "--azimuth", "150:210:4", "--pol", "HH,HV")
 
@@ -60,7 +60,7 @@ def test_arrow_comes_from_the_radar(shown: Any, sweep: Path) -> None:
     shown.locator("#world-canvas").focus()
     shown.keyboard.press("Home")
     shown.keyboard.press("ArrowRight")
-    got = shown.evaluate("() => window.sarmitsuba.page.target.radar")
+    got = shown.evaluate("() => window.sarmitsuba.view.page.target.radar")
     azimuth, elevation = np.radians([written["azimuth_deg"][1], written["elevation_deg"][1]])
     wanted = [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)]
     # tol: angles of the table have nine digits
@@ -73,7 +73,7 @@ def test_arrow_comes_from_the_radar(shown: Any, sweep: Path) -> None:
 def test_a_drag_in_the_plot_goes_to_its_aspect(shown: Any) -> None:
     """The plot's own scale leads back to every aspect."""
     same = shown.evaluate(
-        """() => { const { plot } = window.sarmitsuba.page;
+        """() => { const { plot } = window.sarmitsuba.view.page;
         return Array.from(plot.angle).map((angle) => plot.aspectAt(...plot.at(angle, plot.top - 1))); }"""
     )
     assert same == list(range(len(same)))

@@ -14,12 +14,12 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba.analysis.quality.account import Account, Change, StageTime, account
-from sarmitsuba.focusing.alternatives import alternatives
-from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.refinement.error_bars import with_error_bars
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.signal.focusing.alternatives import alternatives
+from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.simulation.execution.refinement.error_bars import with_error_bars
+from sarmitsuba.simulation.execution.render import simulate
 from tests.support.unweighted import focus
 
 SMALL = {"range_film.image_extent_azimuth": "16", "range_film.image_extent_range": "24"}

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from sarmitsuba import theory
-from sarmitsuba.link.ambiguity import azimuth_ambiguity_ratio
-from sarmitsuba.loader.build import SceneMesh, build_scene
+from sarmitsuba.analysis.link.ambiguity import azimuth_ambiguity_ratio
+from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.truth import theory
 from tests.support.unweighted import focus
 
 SOIL = {
@@ -20,7 +20,9 @@ SOIL = {
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # of the prf, which is the point
+@pytest.mark.filterwarnings(
+    "ignore::sarmitsuba.core.errors.SarmitsubaWarning"
+)  # of the prf, which is the point
 @pytest.mark.parametrize("seed", range(3))
 def test_ground_shows_the_level_of_its_ghosts(seed: int) -> None:
     # Rationale: a strip of ground 60 m long leaves ghosts lambda R PRF / 2 v away, each of the textbook's ratio of its

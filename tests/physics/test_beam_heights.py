@@ -5,16 +5,16 @@ import warnings
 import numpy as np
 import pytest
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.image.metrics import point_target_in
-from sarmitsuba.loader.build import build_scene
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.height_error import NOTED_DB, WARNED_DB
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.signal.image.metrics import point_target_in
+from sarmitsuba.simulation.execution.render import simulate
 from tests.support.draws import few_of
 from tests.support.unweighted import focus
 

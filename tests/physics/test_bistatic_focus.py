@@ -10,12 +10,12 @@ import scipy.io
 
 from sarmitsuba import cli
 from sarmitsuba.analysis.quality import KnownPoint, image_quality
-from sarmitsuba.errors import DataError, RadarError
-from sarmitsuba.focusing.focuser import FOCUSERS
-from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy
-from sarmitsuba.io import read_raw
+from sarmitsuba.core.errors import DataError, RadarError
+from sarmitsuba.files import read_raw
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.track import Track
+from sarmitsuba.signal.focusing.focuser import FOCUSERS
+from sarmitsuba.signal.focusing.focusers.backprojection import backproject, backproject_numpy
 from tests.support.draws import few_of
 from tests.support.unweighted import focus
 

@@ -10,20 +10,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sarmitsuba import theory
-from sarmitsuba.arrays import C128, F64
-from sarmitsuba.backend import dr, mi
-from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.materials.bsdfs import rough
-from sarmitsuba.materials.material import Material
+from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.trace.scattering_matrix import ScatteringMatrix
-from sarmitsuba.trace.scene_tables import build_trace_scene
-from sarmitsuba.trace.table_rows import MaterialRow
-from sarmitsuba.units import db_from_power
-from sarmitsuba.validation.targets import geometry, parallelogram
+from sarmitsuba.scene.materials.bsdfs import rough
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.simulation.execution.rcs import monostatic_rcs
+from sarmitsuba.tracing.kernel.scattering_matrix import ScatteringMatrix
+from sarmitsuba.tracing.kernel.scene_tables import build_trace_scene
+from sarmitsuba.tracing.kernel.table_rows import MaterialRow
+from sarmitsuba.truth import theory
+from sarmitsuba.truth.validation.targets import geometry, parallelogram
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

@@ -6,24 +6,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sarmitsuba import theory
 from sarmitsuba.analysis.quality import KnownPoint, image_quality
-from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.errors import RadarError
-from sarmitsuba.focusing.focusers.backprojection import backproject
-from sarmitsuba.materials.material import Material
+from sarmitsuba.core.errors import RadarError
 from sarmitsuba.scene.geometry import Geometry, PointTarget
+from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.path_table import KINDS, trace_paths
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.validation import targets
-from sarmitsuba.validation.chain import bandwidth, make_scene
+from sarmitsuba.signal.focusing.focusers.backprojection import backproject
+from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.simulation.execution.path_table import KINDS, trace_paths
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.truth import theory
+from sarmitsuba.truth.validation import targets
+from sarmitsuba.truth.validation.chain import bandwidth, make_scene
 from tests.support.draws import few_of
 from tests.support.unweighted import focus, render
 
-pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # few rays, on purpose
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::sarmitsuba.core.errors.SarmitsubaWarning"
+)  # few rays, on purpose
 
 LIGHT = 299792458.0
 CARRIER = 9.65e9

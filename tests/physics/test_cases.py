@@ -2,12 +2,12 @@
 
 import pytest
 
-from sarmitsuba.errors import OutputError
-from sarmitsuba.validation.cases import CASES, CaseEntry
-from sarmitsuba.validation.cases.plates import plate
-from sarmitsuba.validation.cases.tessellation import tessellation
-from sarmitsuba.validation.comparison import summarise
-from sarmitsuba.validation.run_cases import run_case, select
+from sarmitsuba.core.errors import OutputError
+from sarmitsuba.truth.validation.cases import CASES, CaseEntry
+from sarmitsuba.truth.validation.cases.plates import plate
+from sarmitsuba.truth.validation.cases.tessellation import tessellation
+from sarmitsuba.truth.validation.comparison import summarise
+from sarmitsuba.truth.validation.run_cases import run_case, select
 
 # images of a minute and more
 SLOW = {"building", "bridge", "ground_sigma0", "ground_rays"}
@@ -28,7 +28,7 @@ def marks(entry: CaseEntry) -> list[pytest.MarkDecorator]:
 
 
 # those of the topic "statistics" share one image and are in tests/statistics
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # rays chosen by the case
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")  # rays chosen by the case
 @pytest.mark.parametrize(
     "entry",
     [pytest.param(e, marks=marks(e)) for e in CASES if e.topic != "statistics"],

@@ -5,19 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.materials.material import Material
+from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.batches import Batch
-from sarmitsuba.simulation.blocks import Blocks
-from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.rcs import BouncesLeft, monostatic_rcs
-from sarmitsuba.simulation.run import Run
-from sarmitsuba.validation import targets
-from sarmitsuba.validation.band_sampling import X_BAND
-from sarmitsuba.validation.chain import make_scene, unwarned
+from sarmitsuba.simulation.execution.batches import Batch
+from sarmitsuba.simulation.execution.blocks import Blocks
+from sarmitsuba.simulation.execution.rcs import BouncesLeft, monostatic_rcs
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.planning.pilot import plan_scene
+from sarmitsuba.truth.validation import targets
+from sarmitsuba.truth.validation.band_sampling import X_BAND
+from sarmitsuba.truth.validation.chain import make_scene, unwarned
 
 SMALL = {
     "slant_range": 10e3,
@@ -103,7 +103,7 @@ def test_walls_that_take_from_every_wave_need_fewer() -> None:
 
 def test_no_pilot_where_nothing_looks_at_anything(monkeypatch: pytest.MonkeyPatch) -> None:
     """A corner has no faces turned towards each other: its plan costs what it did."""
-    from sarmitsuba.simulation import pilot
+    from sarmitsuba.simulation.planning import pilot
 
     corner = targets.trihedral(0.6, "triangular")
     scene = scene_of([(corner.vertices, corner.faces)])

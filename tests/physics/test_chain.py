@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.chirp import to_chirped
-from sarmitsuba.image.metrics import coherence, point_target_in
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.simulation.tracing import MAX_GRID_BYTES
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.signal.image.metrics import coherence, point_target_in
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.raw.chirp import to_chirped
+from sarmitsuba.simulation.execution.tracing import MAX_GRID_BYTES
 from tests.support.unweighted import focus
 
 WAVELENGTH = SPEED_OF_LIGHT / 9.65e9

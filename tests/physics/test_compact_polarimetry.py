@@ -6,20 +6,20 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from sarmitsuba.arrays import C128
+from sarmitsuba.core.arrays import C128
+from sarmitsuba.core.errors import RadarError
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.errors import RadarError
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.polarisation import COMPACT, LINEAR, isotropic_response
 from sarmitsuba.scene.geometry import Geometry, PointTarget
+from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.path_table import trace_paths
-from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.validation.chain import Parameter, make_scene
-from sarmitsuba.validation.targets import PEC, geometry, parallelogram, plate
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.simulation.execution.path_table import trace_paths
+from sarmitsuba.simulation.execution.rcs import monostatic_rcs
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.truth.validation.chain import Parameter, make_scene
+from sarmitsuba.truth.validation.targets import PEC, geometry, parallelogram, plate
 from tests.support.unweighted import render
 
 FREQUENCY = 9.65e9
@@ -145,7 +145,9 @@ def test_an_isotropic_point_through_raw_data_and_the_path_table() -> None:
         assert row[name] == pytest.approx(combined(linear, name))
 
 
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # a scene smaller than its image
+@pytest.mark.filterwarnings(
+    "ignore::sarmitsuba.core.errors.SarmitsubaWarning"
+)  # a scene smaller than its image
 @pytest.mark.parametrize("method", ["hybrid", pytest.param("image", marks=pytest.mark.slow)])
 def test_images_of_compact_channels_are_sums_of_the_linear_ones(method: Literal["hybrid", "image"]) -> None:
     """Whole chain with automatic settings; the plan may see another set of channels, the rays are the same."""
@@ -177,7 +179,7 @@ def test_images_of_compact_channels_are_sums_of_the_linear_ones(method: Literal[
         assert np.abs(compact.total(channel) - expected).max() < 1e-4 * np.abs(expected).max()
 
 
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # no speckle, on purpose
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")  # no speckle, on purpose
 def test_the_raster_shares_power_between_compact_channels() -> None:
     """Incoherent: RH = (HH + HV) / 2, RV = (HV + VV) / 2 in power, for every pixel without its speckle."""
     common: dict[str, Parameter] = {

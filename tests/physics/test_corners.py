@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from sarmitsuba import theory
-from sarmitsuba.arrays import C128, F64
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.materials.material import Material
-from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.trace.edges import FringeCurrents, edges_of
-from sarmitsuba.trace.source import PointSource
-from sarmitsuba.units import db_from_power
-from sarmitsuba.validation import full_wave, targets
+from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.units import db_from_power
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.simulation.execution.rcs import monostatic_rcs
+from sarmitsuba.tracing.kernel.source import PointSource
+from sarmitsuba.tracing.scatterers.edges.diffraction import FringeCurrents, edges_of
+from sarmitsuba.truth import theory
+from sarmitsuba.truth.validation import full_wave, targets
 
 WAVELENGTH = 0.03
 FREQUENCY = SPEED_OF_LIGHT / WAVELENGTH

@@ -7,22 +7,22 @@ import numpy as np
 import pytest
 
 from sarmitsuba import FilmDescription, RadarDescription, Scene, SceneMesh, SceneVolume, build_scene
-from sarmitsuba.arrays import C64, F64
-from sarmitsuba.errors import RadarError, SarmitsubaWarning
-from sarmitsuba.focusing.ideal import ideal_echoes
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.materials.vegetation.medium import water_cloud
-from sarmitsuba.mesh import tessellate
+from sarmitsuba.core.arrays import C64, F64
+from sarmitsuba.core.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.scene.materials.vegetation.medium import water_cloud
+from sarmitsuba.scene.mesh import tessellate
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.scene.wires import WireTarget
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.simulation.sampling.folding import check_folding
-from sarmitsuba.simulation.sampling.launch_window import launch_windows
+from sarmitsuba.signal.focusing.ideal import ideal_echoes
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.simulation.planning.sampling.folding import check_folding
+from sarmitsuba.simulation.planning.sampling.launch_window import launch_windows
 from tests.support.draws import few_of
 from tests.support.unweighted import focus, render
 
@@ -348,7 +348,7 @@ def test_a_scene_that_fits_its_image_keeps_its_pulses() -> None:
 
 
 @pytest.mark.filterwarnings(
-    "ignore::sarmitsuba.errors.SarmitsubaWarning"
+    "ignore::sarmitsuba.core.errors.SarmitsubaWarning"
 )  # a plate beside a small image, on purpose
 @pytest.mark.parametrize("across", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_hybrid_keeps_what_the_fade_out_lights(across: bool) -> None:

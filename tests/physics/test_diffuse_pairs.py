@@ -6,28 +6,29 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene, load_scene, simulate, theory
-from sarmitsuba.arrays import F64
-from sarmitsuba.backend import dr, ensure_backend
+from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene, load_scene, simulate
+from sarmitsuba.core.arrays import F64
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import Decision
-from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh import surface_samples as sampling
-from sarmitsuba.mesh.surface_samples import SurfaceSamples, surface_samples
+from sarmitsuba.machine.backend import dr, ensure_backend
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.sources.pair_estimate import PairEcho, pair_echo
-from sarmitsuba.trace.accumulators import SumAccumulator
-from sarmitsuba.trace.diffuse_pairs import PairSource
-from sarmitsuba.trace.kernel import KernelSettings
-from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
-from sarmitsuba.trace.leg import Surroundings
-from sarmitsuba.trace.pair_search import SurfacePairs, find_pairs
-from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
-from sarmitsuba.trace.source import launches
-from sarmitsuba.trace.state import Kernel
-from sarmitsuba.validation import targets
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.mesh import surface_samples as sampling
+from sarmitsuba.scene.mesh.surface_samples import SurfaceSamples, surface_samples
+from sarmitsuba.simulation.planning.pilot import plan_scene
+from sarmitsuba.simulation.planning.sources.pair_estimate import PairEcho, pair_echo
+from sarmitsuba.tracing.kernel.accumulators import SumAccumulator
+from sarmitsuba.tracing.kernel.kernel import KernelSettings
+from sarmitsuba.tracing.kernel.launch import LaunchFrame, LaunchGrid, PulseBatch
+from sarmitsuba.tracing.kernel.leg import Surroundings
+from sarmitsuba.tracing.kernel.scene_tables import TraceScene, build_trace_scene
+from sarmitsuba.tracing.kernel.source import launches
+from sarmitsuba.tracing.kernel.state import Kernel
+from sarmitsuba.tracing.scatterers.pairs.diffuse_pairs import PairSource
+from sarmitsuba.tracing.scatterers.pairs.pair_search import SurfacePairs, find_pairs
+from sarmitsuba.truth import theory
+from sarmitsuba.truth.validation import targets
 
 WAVELENGTH, FAR = 0.03, 2e3
 # of a pane whose TE and TM differ little
@@ -244,7 +245,7 @@ def yard(**settings: object) -> Scene:
     return scene.replace(ray_spacing=0.4, **settings)
 
 
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 def test_pairs_persist_from_pulse_to_pulse() -> None:
     """Blocks that trace one of their pulses return what the tracing of every pulse does, and nothing when off."""
     data = {
@@ -268,7 +269,7 @@ def decided(name: str, **settings: object) -> Decision:
     return decision
 
 
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 def test_the_plan_has_pairs_where_they_change_a_level() -> None:
     court = decided("courtyard")
     assert court.on and court.source == "pilot" and -16.0 < court.error_db < -10.0
@@ -288,7 +289,7 @@ def test_small_runs_and_all_methods_have_one_plan(method: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 def test_the_plan_leaves_out_what_hardly_changes_a_level() -> None:
     city = decided("urban_block")
     assert not city.on and city.source == "pilot" and -27.0 < city.error_db < -22.0 and "left out" in city.why

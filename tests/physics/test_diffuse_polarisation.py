@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.materials.diffuse import diffuse_tables
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.units import db_from_power
+from sarmitsuba.core.units import db_from_power
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.scene.materials.diffuse import diffuse_tables
+from sarmitsuba.simulation.execution.render import simulate
 
 SCENE = """<scene version="3.0.0">
     <integrator type="sar_path"><integer name="seed" value="1"/></integrator>

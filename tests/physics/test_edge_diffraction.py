@@ -8,22 +8,23 @@ import numpy as np
 import pytest
 import trimesh
 
-from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene, load_scene, simulate, theory
-from sarmitsuba.arrays import C64, C128, F64
-from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene, load_scene, simulate
+from sarmitsuba.core.arrays import C64, C128, F64
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.sharp_edges import DIRECTIONS, SharpEdges, sharp_edges
+from sarmitsuba.machine.backend import dr, ensure_backend, mi
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.rcs import RcsResult, monostatic_rcs
-from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
-from sarmitsuba.trace.edges import LONGEST, FringeCurrents, edges_of
-from sarmitsuba.trace.source import PointSource
-from sarmitsuba.trace.wedge_strips import LEAST
-from sarmitsuba.validation import targets
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.mesh.sharp_edges import DIRECTIONS, SharpEdges, sharp_edges
+from sarmitsuba.simulation.execution.rcs import RcsResult, monostatic_rcs
+from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
+from sarmitsuba.simulation.planning.pilot import plan_scene
+from sarmitsuba.tracing.kernel.source import PointSource
+from sarmitsuba.tracing.scatterers.edges.diffraction import LONGEST, FringeCurrents, edges_of
+from sarmitsuba.tracing.scatterers.edges.wedge_strips import LEAST
+from sarmitsuba.truth import theory
+from sarmitsuba.truth.validation import targets
 from tests.support.draws import few_of
 from tests.support.unweighted import focus
 

@@ -6,20 +6,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.arrays import F64, I32
+from sarmitsuba.core.arrays import F64, I32
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.effects.shape import ShapeAnalysis
-from sarmitsuba.loader.library import resolve
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.tessellate import cube, sphere
+from sarmitsuba.loading.library import resolve
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.mesh.tessellate import cube, sphere
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.pilot import plan_scene, run_pilot
-from sarmitsuba.simulation.pilot_patches import CHANNELS, patch_echoes, place_patches
-from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
-from sarmitsuba.trace.scene_tables import build_trace_scene
+from sarmitsuba.simulation.planning.pilot import plan_scene, run_pilot
+from sarmitsuba.simulation.planning.pilot_patches import CHANNELS, patch_echoes, place_patches
+from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
+from sarmitsuba.tracing.kernel.scene_tables import build_trace_scene
 
 PEC = Material("pec", pec=True)
 SOIL = Material(

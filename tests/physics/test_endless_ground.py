@@ -8,22 +8,22 @@ import pytest
 import trimesh
 
 from sarmitsuba import cli
-from sarmitsuba.arrays import F64, I64
-from sarmitsuba.errors import RadarError, SceneError
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.loader.build import MaterialLike, SceneMesh, build_scene
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.mesh.tessellate import cube
+from sarmitsuba.core.arrays import F64, I64
+from sarmitsuba.core.errors import RadarError, SceneError
+from sarmitsuba.loading.build import MaterialLike, SceneMesh, build_scene
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.endless_ground import level_rim, with_endless_ground
 from sarmitsuba.scene.ground_outline import outline
+from sarmitsuba.scene.mesh.tessellate import cube
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import Method, Switch, TraceSettings
-from sarmitsuba.simulation.far_field import Aspects
-from sarmitsuba.simulation.render import render
-from sarmitsuba.simulation.turntable import rcs_sweep
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.simulation.execution.far_field import Aspects
+from sarmitsuba.simulation.execution.render import render
+from sarmitsuba.simulation.execution.turntable import rcs_sweep
 
 HALF = 30.0
 L_BAND, X_BAND = 1.3e9, 9.6e9

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.boundary_edges import facets
-from sarmitsuba.mesh.smooth_groups import smooth_groups
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.mesh.boundary_edges import facets
+from sarmitsuba.scene.mesh.smooth_groups import smooth_groups
+from sarmitsuba.simulation.execution.rcs import monostatic_rcs
+from sarmitsuba.simulation.execution.render import simulate
 from tests.support.unweighted import focus
 
 LOOK, WIDTH, DEPTH = 40.0, 2.0, 40.0

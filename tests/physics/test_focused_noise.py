@@ -8,16 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.noise import add_noise
-from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.aperture_weights import aperture_weights, direction_gain, look_directions
-from sarmitsuba.focusing.focuser import FOCUSERS
-from sarmitsuba.focusing.ideal import ideal_echoes
-from sarmitsuba.focusing.windows import parse_window
-from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.link_budget import snr
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.focusing.aperture_weights import aperture_weights, direction_gain, look_directions
+from sarmitsuba.signal.focusing.focuser import FOCUSERS
+from sarmitsuba.signal.focusing.ideal import ideal_echoes
+from sarmitsuba.signal.focusing.windows import parse_window
+from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.raw.noise import add_noise
+from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from tests.support.geometries import random_geometry
 from tests.support.unweighted import focus
 

@@ -8,20 +8,20 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.errors import DataError, SarmitsubaWarning
-from sarmitsuba.focusing.focuser import Focused, Focuser, FocusTask, parse_focuser
-from sarmitsuba.focusing.focusers.backprojection import Backprojection, backproject
-from sarmitsuba.focusing.grid import default_grid
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focusing.windows import parse_window
-from sarmitsuba.focusing.witness import sum_exactly
-from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import DataError, SarmitsubaWarning
+from sarmitsuba.core.witness import Witness
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.witness import Witness
+from sarmitsuba.signal.focusing.focuser import Focused, Focuser, FocusTask, parse_focuser
+from sarmitsuba.signal.focusing.focusers.backprojection import Backprojection, backproject
+from sarmitsuba.signal.focusing.grid import default_grid
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.focusing.windows import parse_window
+from sarmitsuba.signal.focusing.witness import sum_exactly
+from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from tests.support.draws import few_of
 from tests.support.geometries import random_geometry
 from tests.support.unweighted import focus

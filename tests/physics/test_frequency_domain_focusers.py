@@ -7,21 +7,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.aperture_weights import aperture_weights, direction_gain, look_directions
-from sarmitsuba.focusing.focuser import check_focuser, parse_focuser
-from sarmitsuba.focusing.focusers.backprojection import backproject, series_at
-from sarmitsuba.focusing.focusers.chirp_scaling import ChirpScaling
-from sarmitsuba.focusing.frequency_domain.track_geometry import range_walk, track_geometry
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focusing.profiles import plan_spectrum
-from sarmitsuba.focusing.windows import parse_window
-from sarmitsuba.image.metrics import PointTargetMetrics, image_error_db, point_target
-from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.focusing.aperture_weights import aperture_weights, direction_gain, look_directions
+from sarmitsuba.signal.focusing.focuser import check_focuser, parse_focuser
+from sarmitsuba.signal.focusing.focusers.backprojection import backproject, series_at
+from sarmitsuba.signal.focusing.focusers.chirp_scaling import ChirpScaling
+from sarmitsuba.signal.focusing.frequency_domain.track_geometry import range_walk, track_geometry
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.focusing.profiles import plan_spectrum
+from sarmitsuba.signal.focusing.windows import parse_window
+from sarmitsuba.signal.image.metrics import PointTargetMetrics, image_error_db, point_target
+from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.raw.raw_data import RawData
 from tests.support.draws import few_of
 from tests.support.geometries import random_geometry
 from tests.support.unweighted import focus
@@ -215,14 +215,14 @@ def test_approximate_omega_k_is_chirp_scaling_without_scaling() -> None:
     assert image_error_db(scaled, one) > -30.0
 
 
-@pytest.mark.filterwarnings("ignore:focus. the image of:sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore:focus. the image of:sarmitsuba.core.errors.SarmitsubaWarning")
 def test_the_reference_function_alone_focuses_at_the_reference_range_only() -> None:
     at, off = (chip_error_db("omega_k,stolt=off", *echoes_at(0.05, away)) for away in (0.0, 40.0))
     assert at < -20.0  # tol: the range side lobes are off the reference range
     assert off > -10.0
 
 
-@pytest.mark.filterwarnings("ignore:focus. the image of:sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore:focus. the image of:sarmitsuba.core.errors.SarmitsubaWarning")
 def test_each_switch_of_range_doppler_costs_what_it_leaves() -> None:
     raw, grid, point = echoes_at(0.12, 0.0)
     full = chip_error_db("range_doppler", raw, grid, point)

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from sarmitsuba import theory
-from sarmitsuba.validation.cases.fresnel import kernel_fresnel
-from sarmitsuba.validation.targets import PERMITTIVITY
+from sarmitsuba.truth import theory
+from sarmitsuba.truth.validation.cases.fresnel import kernel_fresnel
+from sarmitsuba.truth.validation.targets import PERMITTIVITY
 
 
 def test_brewster_angle_and_perfect_limits() -> None:

@@ -8,10 +8,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from sarmitsuba import theory
-from sarmitsuba.errors import OutputError
-from sarmitsuba.units import db_from_power
-from sarmitsuba.validation import full_wave
+from sarmitsuba.core.errors import OutputError
+from sarmitsuba.core.units import db_from_power
+from sarmitsuba.truth import theory
+from sarmitsuba.truth.validation import full_wave
 
 
 @pytest.fixture

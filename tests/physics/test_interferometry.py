@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sarmitsuba import theory
 from sarmitsuba.analysis.interferometry import interferogram, second_pass
-from sarmitsuba.validation.interferometric_pairs import ROUGH, WAVELENGTH, RadarSetting
+from sarmitsuba.truth import theory
+from sarmitsuba.truth.validation.interferometric_pairs import ROUGH, WAVELENGTH, RadarSetting
 from tests.support.unweighted import render
 
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from sarmitsuba.materials.material import Material
-from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.validation.targets import PEC, dihedral, trihedral
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.simulation.execution.rcs import monostatic_rcs
+from sarmitsuba.truth.validation.targets import PEC, dihedral, trihedral
 
 FREQUENCY = 9.65e9
 

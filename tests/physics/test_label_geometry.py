@@ -9,17 +9,24 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import DataError
-from sarmitsuba.image.labels import Labels
-from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.labelling.geometric_layers import BOTH, LAYOVER, NO_SURFACE, SHADOW, VALID, surface_points
-from sarmitsuba.loader.build import SceneMesh, build_scene
+from sarmitsuba.analysis.labels.geometric_layers import (
+    BOTH,
+    LAYOVER,
+    NO_SURFACE,
+    SHADOW,
+    VALID,
+    surface_points,
+)
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.signal.image.labels import Labels
+from sarmitsuba.signal.image.sar_image import ImageGrid
 from tests.support.draws import few_of
 from tests.support.label_truth import UprightBox, expected_masks, sampled
 
@@ -449,7 +456,7 @@ def test_threads_label_alike() -> None:
 
 
 @pytest.mark.filterwarnings(
-    "ignore::sarmitsuba.errors.SarmitsubaWarning"
+    "ignore::sarmitsuba.core.errors.SarmitsubaWarning"
 )  # pixels wider than the cell of a circle
 def test_what_cannot_be_labelled_is_said() -> None:
     scene = _plain()

@@ -3,22 +3,22 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.beam_edge import beam_edge_warning
-from sarmitsuba.focusing.ideal import ideal_echoes
-from sarmitsuba.focusing.windows import parse_window
-from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.loader.build import SceneMesh, build_scene
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import Method, TraceSettings
-from sarmitsuba.simulation.image import Imager
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.simulation.run import Run
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.focusing.beam_edge import beam_edge_warning
+from sarmitsuba.signal.focusing.ideal import ideal_echoes
+from sarmitsuba.signal.focusing.windows import parse_window
+from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.simulation.execution.image import Imager
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.simulation.execution.run import Run
 from tests.support.unweighted import focus
 
 SIGMA0_DB = -10.0

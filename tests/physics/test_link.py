@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.link import LinkBudget, link_budget
-from sarmitsuba.loader.build import build_scene
+from sarmitsuba.analysis.link import LinkBudget, link_budget
+from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import PointTarget
-from sarmitsuba.validation.measured_noise import empty_echoes, focused_noise, focused_peak
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.truth.validation.measured_noise import empty_echoes, focused_noise, focused_peak
 
 # of the noise, in four channels each: as many cells where only the rows about the aim point count
 DRAWS = {"stripmap": 4, "spotlight": 12}
@@ -68,7 +68,7 @@ def measured(scene: sarmitsuba.Scene, budget: LinkBudget, window: str, seed: int
     return 10.0 * np.log10(np.array(found))
 
 
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # rows of one pixel
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")  # rows of one pixel
 @pytest.mark.parametrize(
     ("mode", "seed", "window"),
     [

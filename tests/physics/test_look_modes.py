@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import C128, F64
-from sarmitsuba.errors import DataError, RadarError
-from sarmitsuba.focusing.windows import parse_window
-from sarmitsuba.loader.build import SceneMesh, build_scene
+from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.errors import DataError, RadarError
+from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.radar import Radar
@@ -17,12 +16,13 @@ from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.image import Imager
-from sarmitsuba.simulation.run import Run
+from sarmitsuba.signal.focusing.windows import parse_window
+from sarmitsuba.simulation.execution.image import Imager
+from sarmitsuba.simulation.execution.run import Run
 from tests.support.unweighted import render
 
 # the pulses of drawn radars are denser than the program would choose, and sliding beams wider
-pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 
 LIGHT = 299792458.0
 WINDOWS = [("rectangular", "rectangular"), ("hamming", "taylor"), ("rectangular", "hamming")]

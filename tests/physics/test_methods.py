@@ -5,17 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.image import Imager
-from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.sampling.density_plan import LOOK_SPACING, SamplingPlan
-from sarmitsuba.simulation.sampling.piece import crop
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.simulation.execution.image import Imager
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.planning.pilot import plan_scene
+from sarmitsuba.simulation.planning.sampling.density_plan import LOOK_SPACING, SamplingPlan
+from sarmitsuba.simulation.planning.sampling.piece import crop
 from tests.support.unweighted import focus, render
 
 

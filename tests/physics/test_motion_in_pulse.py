@@ -7,31 +7,31 @@ import numpy as np
 import pytest
 import trimesh
 
-from sarmitsuba import theory
 from sarmitsuba.analysis.quality import KnownPoint, image_quality
-from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.errors import DataError, RadarError
-from sarmitsuba.focusing.focuser import FOCUSERS
-from sarmitsuba.focusing.focusers.backprojection import backproject
-from sarmitsuba.focusing.grid import default_grid
-from sarmitsuba.io import read_raw
-from sarmitsuba.loader.build import SceneMesh, build_scene
-from sarmitsuba.materials.material import Material
-from sarmitsuba.page.quantised_profiles import page_profiles
+from sarmitsuba.core.errors import DataError, RadarError
+from sarmitsuba.files import read_raw
+from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.path_table import trace_paths
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.validation import targets
-from sarmitsuba.validation.chain import bandwidth, make_scene
+from sarmitsuba.signal.focusing.focuser import FOCUSERS
+from sarmitsuba.signal.focusing.focusers.backprojection import backproject
+from sarmitsuba.signal.focusing.grid import default_grid
+from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.simulation.execution.path_table import trace_paths
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.truth import theory
+from sarmitsuba.truth.validation import targets
+from sarmitsuba.truth.validation.chain import bandwidth, make_scene
+from sarmitsuba.view.page.quantised_profiles import page_profiles
 from tests.support.draws import few_of
 from tests.support.unweighted import focus, render
 
 pytestmark = pytest.mark.filterwarnings(
-    "ignore::sarmitsuba.errors.SarmitsubaWarning"
+    "ignore::sarmitsuba.core.errors.SarmitsubaWarning"
 )  # few rays, odd pulse rates
 
 LIGHT = 299792458.0

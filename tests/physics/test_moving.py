@@ -1,7 +1,7 @@
 """Shapes that move, against scenes rebuilt pulse by pulse, against the antenna moved instead, and against theory.
 
 Where they show, how much they smear and their phase along the track are cases of the validation page
-(`sarmitsuba/validation/cases/moving.py`).
+(`sarmitsuba/truth/validation/cases/moving.py`).
 """
 
 from dataclasses import replace
@@ -10,27 +10,27 @@ import numpy as np
 import pytest
 
 from sarmitsuba import FilmDescription, RadarDescription, SceneMesh, Track, build_scene, focus, simulate
-from sarmitsuba.arrays import C64, F64
-from sarmitsuba.backend import dr
-from sarmitsuba.errors import RadarError
-from sarmitsuba.image.metrics import point_target_in
-from sarmitsuba.mesh.tessellate import cube
+from sarmitsuba.core.arrays import C64, F64
+from sarmitsuba.core.errors import RadarError
+from sarmitsuba.machine.backend import dr
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.scene.mesh.tessellate import cube
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import Switch, TraceSettings
-from sarmitsuba.simulation.image import Imager
-from sarmitsuba.simulation.path_table import PathTracer
-from sarmitsuba.simulation.raw import echoes
-from sarmitsuba.simulation.run import Run
-from sarmitsuba.theory import moving as theory
-from sarmitsuba.validation import targets
+from sarmitsuba.signal.image.metrics import point_target_in
+from sarmitsuba.simulation.execution.image import Imager
+from sarmitsuba.simulation.execution.path_table import PathTracer
+from sarmitsuba.simulation.execution.raw import echoes
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.truth.theory import moving as theory
+from sarmitsuba.truth.validation import targets
 
 RANGE, SPEED = 1500.0, 80.0
 PEC = "pec"
 ROUGH = {"material": "concrete", "diffuse_law": "constant", "diffuse_level_db": 0.0}
 
-pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 
 
 def error_db(data: C64, truth: C64) -> float:

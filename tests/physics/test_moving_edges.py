@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sarmitsuba.gradients.forward_model import ForwardModel
-from sarmitsuba.gradients.parsing import parse
-from sarmitsuba.mesh.facet_edges import FacetEdges
+from sarmitsuba.apps.fit.forward_model import ForwardModel
+from sarmitsuba.apps.fit.parsing import parse
+from sarmitsuba.scene.mesh.facet_edges import FacetEdges
 from tests.support.differences import drawn, relative
 from tests.support.occluders import (
     SIDEWAYS,

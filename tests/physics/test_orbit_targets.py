@@ -5,22 +5,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba import image_quality, theory
-from sarmitsuba.image.metrics import point_target_in
-from sarmitsuba.loader.build import SceneMesh, build_scene
+from sarmitsuba import image_quality
+from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.orbit import OrbitRequest, circular_orbit
 from sarmitsuba.scene.geometry import PointTarget
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.signal.image.metrics import point_target_in
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.truth import theory
 from tests.support.draws import few_of
 from tests.support.unweighted import render
 
 MIDDLE = np.array([11.3, -7.9, 2.0])
 
 
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # one lone plate: a dark image
+@pytest.mark.filterwarnings(
+    "ignore::sarmitsuba.core.errors.SarmitsubaWarning"
+)  # one lone plate: a dark image
 @pytest.mark.parametrize("seed", few_of(range(3)))
 def test_a_plate_that_faces_the_satellite(seed: int) -> None:
     """A square of 1 m square to the line of sight, on a drawn pass.

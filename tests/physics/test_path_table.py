@@ -8,15 +8,15 @@ import pytest
 import trimesh
 
 import sarmitsuba
-from sarmitsuba.errors import RadarError
-from sarmitsuba.loader.build import SceneMesh, build_scene
+from sarmitsuba.core.errors import RadarError
+from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.endless_ground import with_endless_ground
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.path_table import KINDS, PathTable, trace_paths
+from sarmitsuba.simulation.execution.path_table import KINDS, PathTable, trace_paths
 
 FEW = {"sar_antenna.n_pulses": "6", "sar_path.gridding_width": "8", "sar_path.method": "raw"}
 
@@ -102,7 +102,7 @@ def assert_sums_to_raw(scene: Scene, pulses: list[int]) -> PathTable:
         ),
     ],
 )
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 def test_paths_of_shipped_scenes_add_up_to_the_raw_data(name: str, more: dict[str, str]) -> None:
     plain = sarmitsuba.load_scene(name, parameters=FEW | more)
     window = plain.radar.window
@@ -118,7 +118,7 @@ def test_paths_of_shipped_scenes_add_up_to_the_raw_data(name: str, more: dict[st
 
 
 @pytest.mark.parametrize("seed", [2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 1, 3))])
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 def test_paths_of_random_scenes(seed: int) -> None:
     scene = random_scene(seed).replace(edge_diffraction="off", diffuse_pairs="off")
     table = assert_sums_to_raw(scene, [1, 4])
@@ -127,7 +127,7 @@ def test_paths_of_random_scenes(seed: int) -> None:
     assert_filters_hold(table, scene)
 
 
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [4, 5, 6])
 def test_paths_through_panes(seed: int) -> None:

@@ -6,20 +6,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.chirp import to_chirped
-from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.errors import DataError, SarmitsubaWarning
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.focusers.backprojection import backproject
-from sarmitsuba.focusing.focusers.omega_k import omega_k
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focusing.profiles import band_weights
-from sarmitsuba.focusing.windows import parse_window
-from sarmitsuba.image.metrics import image_error_db, point_target_in
-from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.core.errors import DataError, SarmitsubaWarning
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.focusing.focusers.backprojection import backproject
+from sarmitsuba.signal.focusing.focusers.omega_k import omega_k
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.focusing.profiles import band_weights
+from sarmitsuba.signal.focusing.windows import parse_window
+from sarmitsuba.signal.image.metrics import image_error_db, point_target_in
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.raw.chirp import to_chirped
+from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from tests.support.draws import few_of
 from tests.support.unweighted import focus
 

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.simulation.render import render
-from sarmitsuba.simulation.sampling.chains import every_nth, halved
-from sarmitsuba.theory.half_space import fresnel
-from sarmitsuba.trace.launch import lattice
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.simulation.execution.render import render
+from sarmitsuba.simulation.planning.sampling.chains import every_nth, halved
+from sarmitsuba.tracing.kernel.launch import lattice
+from sarmitsuba.truth.theory.half_space import fresnel
 
 SCENE = """<scene version="3.0.0">
 <integrator type="sar_path"/>

@@ -6,19 +6,19 @@ from functools import cache
 import numpy as np
 import pytest
 
-from sarmitsuba import theory
 from sarmitsuba.analysis.quality import KnownPoint, image_quality
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.loader.build import SceneMesh, build_scene
-from sarmitsuba.mesh.tessellate import cube
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import FilmDescription, RadarDescription
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.scene.mesh.tessellate import cube
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.validation.chain import bandwidth, chain, make_scene
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.truth import theory
+from sarmitsuba.truth.validation.chain import bandwidth, chain, make_scene
 from tests.support.unweighted import focus
 
 FREQUENCY = 9.65e9

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 import trimesh
 
-from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.loader.build import SceneMesh, build_scene
-from sarmitsuba.mesh import pieces
+from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
+from sarmitsuba.scene.mesh import pieces
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.sampling.refined_spacing import MARGIN_DB, finer_spacing, fitting_spacing
-from sarmitsuba.simulation.turntable import Aspects, RcsSweep, rcs_sweep
-from sarmitsuba.simulation.turntable_image import turntable_scene
-from sarmitsuba.validation import targets
-from sarmitsuba.validation.measured import bodies
+from sarmitsuba.simulation.execution.turntable import Aspects, RcsSweep, rcs_sweep
+from sarmitsuba.simulation.execution.turntable_image import turntable_scene
+from sarmitsuba.simulation.planning.sampling.refined_spacing import MARGIN_DB, finer_spacing, fitting_spacing
+from sarmitsuba.truth.validation import targets
+from sarmitsuba.truth.validation.measured import bodies
 from tests.support.unweighted import render
 
 # bodies of a few wavelengths, of which a sweep says that the theory is several dB off

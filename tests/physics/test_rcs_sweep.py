@@ -7,25 +7,25 @@ import pytest
 import trimesh
 
 import sarmitsuba
-from sarmitsuba import theory as theory_of_pairs
-from sarmitsuba.backend import dr
-from sarmitsuba.errors import RadarError
-from sarmitsuba.loader.build import SceneMesh, build_scene
+from sarmitsuba.core.errors import RadarError
+from sarmitsuba.loading.build import SceneMesh, build_scene
+from sarmitsuba.machine.backend import dr
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.turntable import Aspects, RcsSweep, rcs_sweep
-from sarmitsuba.simulation.turntable_image import image_refusal, turntable_scene
-from sarmitsuba.theory import canonical_rcs as theory
-from sarmitsuba.validation import targets
-from sarmitsuba.validation.cases.courtyards import RADIUS, bowl
+from sarmitsuba.simulation.execution.turntable import Aspects, RcsSweep, rcs_sweep
+from sarmitsuba.simulation.execution.turntable_image import image_refusal, turntable_scene
+from sarmitsuba.truth import theory as theory_of_pairs
+from sarmitsuba.truth.theory import canonical_rcs as theory
+from sarmitsuba.truth.validation import targets
+from sarmitsuba.truth.validation.cases.courtyards import RADIUS, bowl
 from tests.support.draws import few_of
 from tests.support.unweighted import focus
 
 FREQUENCY = 3e9
 WAVELENGTH = 299792458.0 / FREQUENCY
 # the radar's own view of the scenes does not count here
-pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 
 
 def scene_of(

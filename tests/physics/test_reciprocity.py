@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.materials.material import Material
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.units import db_from_power
-from sarmitsuba.validation.targets import geometry, parallelogram
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.simulation.execution.rcs import monostatic_rcs
+from sarmitsuba.truth.validation.targets import geometry, parallelogram
 
 FREQUENCY = 9.65e9
 UP = np.array([0.0, 0.0, 1.0])

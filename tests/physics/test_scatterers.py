@@ -8,21 +8,21 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from sarmitsuba.arrays import C64, F64
-from sarmitsuba.backend import dr, mi
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.loader.library import resolve, resolve_radar
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.materials.material import Material
+from sarmitsuba.core.arrays import C64, F64
+from sarmitsuba.loading.library import resolve, resolve_radar
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.pulses import AntennaStates
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.sampling.density_plan import CELLS_PER_RESOLUTION
-from sarmitsuba.trace.source import Launch, launches
-from sarmitsuba.trace.state import Contribution
-from sarmitsuba.trace.surfaces import Surfaces
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.simulation.execution.pulses import AntennaStates
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.planning.sampling.density_plan import CELLS_PER_RESOLUTION
+from sarmitsuba.tracing.kernel.source import Launch, launches
+from sarmitsuba.tracing.kernel.state import Contribution
+from sarmitsuba.tracing.kernel.surfaces import Surfaces
 from tests.support.draws import few_of
 from tests.support.unweighted import focus
 

@@ -6,28 +6,29 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba import Motion, PointTarget, RadarDescription, Scene, SceneMesh, build_scene, simulate, theory
-from sarmitsuba.arrays import C64, C128, F64
-from sarmitsuba.backend import dr, ensure_backend, mi
+from sarmitsuba import Motion, PointTarget, RadarDescription, Scene, SceneMesh, build_scene, simulate
+from sarmitsuba.core.arrays import C64, C128, F64
+from sarmitsuba.core.errors import SceneError
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.errors import SceneError
-from sarmitsuba.image.metrics import point_target_in
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.slab import slab_coefficients
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.machine.backend import dr, ensure_backend, mi
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.simulation import tracing
-from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.simulation.sources.site import Site
-from sarmitsuba.trace import field
-from sarmitsuba.trace.leg import Leg
-from sarmitsuba.trace.slab_coefficients import slab
-from sarmitsuba.trace.source import PointSource, Scatterers, Source
-from sarmitsuba.trace.state import Kernel
-from sarmitsuba.validation import targets
-from sarmitsuba.validation.band_sampling import X_BAND, X_WAVELENGTH
-from sarmitsuba.validation.cases.rooms import room
-from sarmitsuba.validation.cases.slabs import GLASS, dyad, kernel_slab
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.materials.slab import slab_coefficients
+from sarmitsuba.signal.image.metrics import point_target_in
+from sarmitsuba.simulation.execution import tracing
+from sarmitsuba.simulation.execution.rcs import monostatic_rcs
+from sarmitsuba.simulation.planning.sources.site import Site
+from sarmitsuba.tracing.kernel import field
+from sarmitsuba.tracing.kernel.leg import Leg
+from sarmitsuba.tracing.kernel.source import PointSource, Scatterers, Source
+from sarmitsuba.tracing.kernel.state import Kernel
+from sarmitsuba.tracing.scatterers.slabs.slab_coefficients import slab
+from sarmitsuba.truth import theory
+from sarmitsuba.truth.validation import targets
+from sarmitsuba.truth.validation.band_sampling import X_BAND, X_WAVELENGTH
+from sarmitsuba.truth.validation.cases.rooms import room
+from sarmitsuba.truth.validation.cases.slabs import GLASS, dyad, kernel_slab
 from tests.support.unweighted import render
 
 COSINE = np.cos(np.radians(np.concatenate([np.linspace(0.0, 89.0, 179), [89.5, 89.9, 89.99]])))
@@ -257,7 +258,7 @@ def wall(x: float, y: float, width: float, low: float, high: float) -> F64:
     return np.array([[x, y, low], [x, y + width, low], [x, y + width, high], [x, y, high]])
 
 
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # switched off on purpose
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")  # switched off on purpose
 def test_a_pane_aside_changes_nothing_else() -> None:
     """The clutter of a ground with a small pane high over a corner of it is that of the ground alone."""
     aside = SceneMesh(wall(4.0, -5.0, 0.3, 1.0, 1.3), FACES, GLAZED, "pane")
@@ -276,7 +277,7 @@ def kernels(scene: Scene) -> tuple[C64, set[str]]:
     return data, names
 
 
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # switched off on purpose
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")  # switched off on purpose
 def test_off_is_off() -> None:
     """A thickness that the plan or the user leaves out makes the kernel and the bits of a half space."""
     ensure_backend()
@@ -389,7 +390,7 @@ def test_panes_by_name() -> None:
 
 
 @pytest.mark.filterwarnings(
-    "ignore::sarmitsuba.errors.SarmitsubaWarning"
+    "ignore::sarmitsuba.core.errors.SarmitsubaWarning"
 )  # nothing but the point, on purpose
 @pytest.mark.parametrize("method", ["hybrid", "image"])
 def test_an_ideal_point_shows_through_a_pane(method: str) -> None:

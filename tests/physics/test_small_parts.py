@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.arrays import C128, F64
-from sarmitsuba.image.metrics import point_target_in
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.simulation.path_table import trace_paths
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.signal.image.metrics import point_target_in
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.simulation.execution.path_table import trace_paths
+from sarmitsuba.simulation.execution.render import simulate
 from tests.support.unweighted import focus
 
 SPEED_OF_LIGHT = 299_792_458.0

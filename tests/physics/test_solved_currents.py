@@ -9,22 +9,22 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from sarmitsuba import theory
-from sarmitsuba.backend import ensure_backend
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.currents import solution
-from sarmitsuba.currents.basis import CurrentBasis
-from sarmitsuba.currents.matrix import MomentMatrices, NearPairs
-from sarmitsuba.currents.solution import BodyMesh, WholeSurface, scattering_matrices
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import RadarError, SceneError
 from sarmitsuba.effects.omitted_waves import polarisation_vectors
-from sarmitsuba.errors import RadarError, SceneError
-from sarmitsuba.loader.build import SceneMesh, build_scene
-from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.contacts import contacts
+from sarmitsuba.loading.build import SceneMesh, build_scene
+from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.radar.description import RadarDescription
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.mesh.contacts import contacts
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.render import render
-from sarmitsuba.simulation.turntable import Aspects, RcsSweep, rcs_sweep
+from sarmitsuba.simulation.execution.render import render
+from sarmitsuba.simulation.execution.turntable import Aspects, RcsSweep, rcs_sweep
+from sarmitsuba.tracing.scatterers.currents import solution
+from sarmitsuba.tracing.scatterers.currents.basis import CurrentBasis
+from sarmitsuba.tracing.scatterers.currents.matrix import MomentMatrices, NearPairs
+from sarmitsuba.tracing.scatterers.currents.solution import BodyMesh, WholeSurface, scattering_matrices
+from sarmitsuba.truth import theory
 
 # small bodies are far outside ray optics
 pytestmark = pytest.mark.filterwarnings("ignore:.*levels are not better than", "ignore:.*theory not known")

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from sarmitsuba import theory
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.validation.cases.measured import FLOOR
-from sarmitsuba.validation.measured.azimuth_tables import azimuth_table
-from sarmitsuba.validation.measured.bodies import PLATE_HEIGHT, PLATE_WIDTH
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.truth import theory
+from sarmitsuba.truth.validation.cases.measured import FLOOR
+from sarmitsuba.truth.validation.measured.azimuth_tables import azimuth_table
+from sarmitsuba.truth.validation.measured.bodies import PLATE_HEIGHT, PLATE_WIDTH
 
 
 @pytest.mark.parametrize(

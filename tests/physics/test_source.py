@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from sarmitsuba import PointTarget, RadarDescription, Scene, SceneMesh, build_scene, simulate
-from sarmitsuba.arrays import C64, F64
-from sarmitsuba.backend import dr, ensure_backend, mi
+from sarmitsuba.core.arrays import C64, F64
+from sarmitsuba.machine.backend import dr, ensure_backend, mi
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.simulation import run, tracing
-from sarmitsuba.simulation.batches import built
-from sarmitsuba.simulation.sources.site import Site
-from sarmitsuba.trace import field
-from sarmitsuba.trace.leg import Leg
-from sarmitsuba.trace.scene_tables import TraceScene
-from sarmitsuba.trace.source import PointSource, Scatterers, Source
-from sarmitsuba.trace.state import Kernel
+from sarmitsuba.simulation.execution import run, tracing
+from sarmitsuba.simulation.execution.batches import built
+from sarmitsuba.simulation.planning.sources.site import Site
+from sarmitsuba.tracing.kernel import field
+from sarmitsuba.tracing.kernel.leg import Leg
+from sarmitsuba.tracing.kernel.scene_tables import TraceScene
+from sarmitsuba.tracing.kernel.source import PointSource, Scatterers, Source
+from sarmitsuba.tracing.kernel.state import Kernel
 
 GROUND = np.array([[-30.0, -30.0, 0.0], [30.0, -30.0, 0.0], [30.0, 30.0, 0.0], [-30.0, 30.0, 0.0]])
 FACES = [[0, 1, 2], [0, 2, 3]]

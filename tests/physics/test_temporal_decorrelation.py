@@ -5,23 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba import theory
-from sarmitsuba.arrays import C128
-from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.echo.noise import noise_generator
+from sarmitsuba.core.arrays import C128
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.loader.build import SceneMesh, SceneVolume, build_scene
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.tessellate import cube
+from sarmitsuba.loading.build import SceneMesh, SceneVolume, build_scene
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.machine.backend import dr, ensure_backend, mi
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.mesh.tessellate import cube
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.trace.speckle import gaussian, mix
-from sarmitsuba.trace.temporal import Age
-from sarmitsuba.validation import targets
+from sarmitsuba.signal.raw.noise import noise_generator
+from sarmitsuba.simulation.execution.rcs import monostatic_rcs
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.tracing.kernel.speckle import gaussian, mix
+from sarmitsuba.tracing.scatterers.water.temporal import Age
+from sarmitsuba.truth import theory
+from sarmitsuba.truth.validation import targets
 
 # scatterers, every one with a key of its own
 N = 2**18

@@ -7,17 +7,19 @@ import numpy as np
 import pytest
 
 from sarmitsuba import Motion, Scene, SceneMesh, build_scene, simulate
-from sarmitsuba.arrays import C64, F64
-from sarmitsuba.backend import dr
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.materials.material import ClassMap, Material, SurfaceMaps
-from sarmitsuba.materials.texture import Bitmap, in_plan, on_mesh
+from sarmitsuba.core.arrays import C64, F64
+from sarmitsuba.machine.backend import dr
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
+from sarmitsuba.scene.materials.material import ClassMap, Material, SurfaceMaps
+from sarmitsuba.scene.materials.texture import Bitmap, in_plan, on_mesh
 from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.signal.image.sar_image import SarImage
 from tests.support.unweighted import render
 
-pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # effects switched off
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::sarmitsuba.core.errors.SarmitsubaWarning"
+)  # effects switched off
 
 SIZE = 24.0
 RADAR = RadarDescription(

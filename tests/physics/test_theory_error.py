@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from sarmitsuba import theory
-from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.core.units import db_from_power
+from sarmitsuba.core.witness import Witness
 from sarmitsuba.effects.omitted_waves import MetalLines, SimulatedWaves, metal_lines, omitted_energy
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.effects.theory_error import (
@@ -20,15 +22,13 @@ from sarmitsuba.effects.theory_error import (
     too_many,
     waves_left,
 )
-from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.loader.build import SceneMesh, build_scene
-from sarmitsuba.materials.material import Material
+from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
-from sarmitsuba.simulation.error_statement import image_theory, theory_witness
-from sarmitsuba.simulation.turntable import Aspects, RcsSweep, rcs_sweep
-from sarmitsuba.units import db_from_power
-from sarmitsuba.validation import targets
-from sarmitsuba.witness import Witness
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.simulation.execution.error_statement import image_theory, theory_witness
+from sarmitsuba.simulation.execution.turntable import Aspects, RcsSweep, rcs_sweep
+from sarmitsuba.truth import theory
+from sarmitsuba.truth.validation import targets
 
 # bodies of a few wavelengths are several dB off, which is what is tested
 pytestmark = pytest.mark.filterwarnings(

@@ -42,7 +42,7 @@ def level_of_ground(path: Path, ground: str) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 def test_a_farm_yard_of_names_is_no_black_image(tmp_path: Path) -> None:
     (tmp_path / "yard.xml").write_text(YARD, encoding="utf-8")
     levels = {ground: level_of_ground(tmp_path / "yard.xml", ground) for ground in EXPECTED}

@@ -5,25 +5,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba import FilmDescription, RadarDescription, Scene, SceneMesh, SceneVolume, build_scene, theory
-from sarmitsuba.arrays import C64, F64
-from sarmitsuba.backend import ensure_backend, mi
+from sarmitsuba import FilmDescription, RadarDescription, Scene, SceneMesh, SceneVolume, build_scene
+from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.materials.vegetation.medium import water_cloud
-from sarmitsuba.mesh import tessellate
+from sarmitsuba.machine.backend import ensure_backend, mi
+from sarmitsuba.scene.materials.vegetation.medium import water_cloud
+from sarmitsuba.scene.mesh import tessellate
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.scene.volumes import Volume
-from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
-from sarmitsuba.simulation.sources.kind import passages_of, sources_of
-from sarmitsuba.simulation.sources.site import RunSite
-from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
-from sarmitsuba.trace.volume_scatterers import (
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
+from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
+from sarmitsuba.simulation.planning.sources.kind import passages_of, sources_of
+from sarmitsuba.simulation.planning.sources.site import RunSite
+from sarmitsuba.tracing.scatterers.volumes.volume_scatterers import (
     VolumeScatterers,
     VolumeSurfaces,
     scatterer_spacing,
     volume_scatterers,
 )
+from sarmitsuba.truth import theory
 from tests.support.unweighted import render
 
 CLOUD = water_cloud("cloud", (0.1, 0.05), (0.2, 0.4), 0.2)
@@ -182,7 +183,7 @@ def test_speckle_of_a_layer_is_polarimetric_and_does_not_depend_on_rays() -> Non
     assert abs(np.vdot(hh, again)) / np.linalg.norm(hh) / np.linalg.norm(again) > 0.9999  # tol: float32 sums
 
 
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # that the effect is off
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")  # that the effect is off
 def test_volumes_can_be_left_out() -> None:
     scene = layer()
     plan = plan_effects(scene)
@@ -235,7 +236,7 @@ def test_rcs_of_a_ball_of_scatterers() -> None:
 
 
 @pytest.mark.filterwarnings(
-    "ignore::sarmitsuba.errors.SarmitsubaWarning"
+    "ignore::sarmitsuba.core.errors.SarmitsubaWarning"
 )  # a plate far smaller than the window
 def test_rcs_of_what_stands_in_a_ball() -> None:
     """A plate across the line of sight at the middle of the ball loses exp(-2 k s)."""

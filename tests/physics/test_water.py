@@ -16,15 +16,15 @@ from sarmitsuba import (
     build_scene,
     simulate,
 )
-from sarmitsuba.arrays import C64, F64
-from sarmitsuba.backend import dr, ensure_backend, mi
+from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.materials.laws.sea import Sea
-from sarmitsuba.materials.sea_spectrum import SeaState
+from sarmitsuba.machine.backend import dr, ensure_backend, mi
+from sarmitsuba.scene.materials.laws.sea import Sea
+from sarmitsuba.scene.materials.sea_spectrum import SeaState
 from sarmitsuba.scene.motion import STILL
-from sarmitsuba.simulation.sampling import water as sampling
-from sarmitsuba.theory import sea as theory
-from sarmitsuba.trace.wind_waves import WaterTables
+from sarmitsuba.simulation.planning.sampling import water as sampling
+from sarmitsuba.tracing.scatterers.water.wind_waves import WaterTables
+from sarmitsuba.truth.theory import sea as theory
 from tests.support.unweighted import focus, render
 
 WAVELENGTH = 0.03106
@@ -42,7 +42,9 @@ RADAR = RadarDescription(
 )
 FILM = FilmDescription(image_extent_azimuth=30.0, image_extent_range=30.0)
 
-pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # effects switched off
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::sarmitsuba.core.errors.SarmitsubaWarning"
+)  # effects switched off
 
 
 def sea(wind: float = 8.0, bearing: float = 200.0, drawn: float = 4.0, name: str = "sea") -> Material:

@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from sarmitsuba import PointTarget, RadarDescription, RawData, Scene, SceneMesh, build_scene, simulate, theory
-from sarmitsuba.arrays import C128, F64
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.sub_bands import SubBands
+from sarmitsuba import PointTarget, RadarDescription, RawData, Scene, SceneMesh, build_scene, simulate
+from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.named_materials import MATERIALS
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.simulation.path_table import trace_paths
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.materials.named_materials import MATERIALS
+from sarmitsuba.signal.raw.sub_bands import SubBands
+from sarmitsuba.simulation.execution.path_table import trace_paths
+from sarmitsuba.truth import theory
 from tests.support.unweighted import focus, render
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*(edge_diffraction|wideband|coherent) is switched off")

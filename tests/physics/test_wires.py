@@ -8,29 +8,21 @@ from typing import cast
 import numpy as np
 import pytest
 
-from sarmitsuba import (
-    RadarDescription,
-    Scene,
-    SceneError,
-    SceneMesh,
-    build_scene,
-    load_scene,
-    simulate,
-    theory,
-)
-from sarmitsuba.arrays import C128, F64
-from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.errors import RadarError
-from sarmitsuba.materials.cylinder import cylinder_table
+from sarmitsuba import RadarDescription, Scene, SceneError, SceneMesh, build_scene, load_scene, simulate
+from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.errors import RadarError
+from sarmitsuba.machine.backend import dr, ensure_backend, mi
 from sarmitsuba.radar.film import FilmDescription
+from sarmitsuba.scene.materials.cylinder import cylinder_table
 from sarmitsuba.scene.wires import WireTarget
-from sarmitsuba.simulation.path_table import KINDS, trace_paths
-from sarmitsuba.simulation.sources import site
-from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
-from sarmitsuba.trace.leg import Leg
-from sarmitsuba.trace.state import Kernel
-from sarmitsuba.trace.wire_nodes import WireScatterers, cut
-from sarmitsuba.validation.cases.wires import beside_broadside, drawn_rod
+from sarmitsuba.simulation.execution.path_table import KINDS, trace_paths
+from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
+from sarmitsuba.simulation.planning.sources import site
+from sarmitsuba.tracing.kernel.leg import Leg
+from sarmitsuba.tracing.kernel.state import Kernel
+from sarmitsuba.tracing.scatterers.wires.wire_nodes import WireScatterers, cut
+from sarmitsuba.truth import theory
+from sarmitsuba.truth.validation.cases.wires import beside_broadside, drawn_rod
 from tests.support.unweighted import render
 
 WAVELENGTH = 0.031
@@ -167,7 +159,8 @@ def test_any_cut_gives_the_same_lobes(seed: int) -> None:
     whole = rcs_sweep(scene, aspects, checked=0).result.amplitude
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            "sarmitsuba.simulation.sources.catalog.wires.cut", lambda lines, longest: cut(lines, 0.05)
+            "sarmitsuba.simulation.planning.sources.catalog.wires.cut",
+            lambda lines, longest: cut(lines, 0.05),
         )
         pieces = rcs_sweep(scene, aspects, checked=0).result.amplitude
     assert np.abs(pieces - whole).max() < 1e-3 * np.abs(whole).max()  # tol: float32 sums

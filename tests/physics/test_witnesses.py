@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.arrays import C64
-from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.image.metrics import image_error_db
+from sarmitsuba.core.arrays import C64
+from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation import witnesses
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.simulation.execution import witnesses
+from sarmitsuba.simulation.execution.render import simulate
 
 SMALL = {
     "range_film.image_extent_azimuth": "12",
@@ -61,7 +61,7 @@ def test_blocks_are_held_against_pulses_traced_one_by_one() -> None:
 
 def test_an_error_alike_on_both_sides_of_a_boundary_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """A planted error that grows with the square of the time from the key pulse: where blocks meet, it cancels."""
-    from sarmitsuba.simulation.pulses import KeyPulse
+    from sarmitsuba.simulation.execution.pulses import KeyPulse
 
     made = KeyPulse.profiles
 

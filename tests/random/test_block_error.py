@@ -8,11 +8,11 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.simulation.blocks import partition
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.simulation.execution.blocks import partition
+from sarmitsuba.simulation.execution.render import simulate
 from tests.support.unweighted import focus
 
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.arrays import C64
-from sarmitsuba.errors import SarmitsubaWarning
+from sarmitsuba.core.arrays import C64
+from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.pilot import examine
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.simulation.planning.pilot import examine
 from tests.support.unweighted import focus
 
 DEEP = 6

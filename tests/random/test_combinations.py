@@ -7,9 +7,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from sarmitsuba.focusing import FOCUSERS
 from sarmitsuba.radar.mode import MODES
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.signal.focusing import FOCUSERS
+from sarmitsuba.simulation.execution.render import simulate
 from tests.support.unweighted import focus
 
 # the draw of each mode that is quick: of few pulses, 0 where the mode is new

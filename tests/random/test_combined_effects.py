@@ -11,18 +11,18 @@ import trimesh
 from matplotlib.image import imsave
 
 import sarmitsuba
-from sarmitsuba import theory
+from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.effects.slabs_between import seen_through
-from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.loader.build import SceneMesh, build_scene
+from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.fingerprint import fingerprint
-from sarmitsuba.simulation.path_table import POINT
-from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
+from sarmitsuba.simulation.execution.fingerprint import fingerprint
+from sarmitsuba.simulation.execution.path_table import POINT
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
+from sarmitsuba.simulation.planning.pilot import plan_scene
+from sarmitsuba.truth import theory
 from tests.support.unweighted import focus
 
 DB = 10.0 * np.log10(np.e)

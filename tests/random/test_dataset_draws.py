@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import shapely
 
-from sarmitsuba.datasets.draw import Drawer
-from sarmitsuba.datasets.drawn_shapes import hull, lowest_under, relief, separation
-from sarmitsuba.datasets.recipe import PART_NAMES
-from sarmitsuba.errors import DataError, SarmitsubaError, SceneError
+from sarmitsuba.apps.datasets.draw import Drawer
+from sarmitsuba.apps.datasets.drawn_shapes import hull, lowest_under, relief, separation
+from sarmitsuba.apps.datasets.recipe import PART_NAMES
+from sarmitsuba.core.errors import DataError, SarmitsubaError, SceneError
 
 
 def drawer_of(tmp_path: Path, text: str) -> Drawer:

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from sarmitsuba import Material, PointTarget, Scene
-from sarmitsuba.errors import SceneError
-from sarmitsuba.gradients.forward_model import ForwardModel
-from sarmitsuba.gradients.parsing import parse
+from sarmitsuba.apps.fit.forward_model import ForwardModel
+from sarmitsuba.apps.fit.parsing import parse
+from sarmitsuba.core.errors import SceneError
 from sarmitsuba.scene.wires import WireTarget
 from tests.support.differences import compared_all, drawn
 
-pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 
 
 def with_effects(scene: Scene, depth: int = 1, **effects: str) -> Scene:

@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sarmitsuba.arrays import C128, F64
-from sarmitsuba.backend import device_array, dr, ensure_backend, mi
+from sarmitsuba.core.arrays import C128, F64
 from sarmitsuba.effects.edge_bound import Aperture, edge_bounds
-from sarmitsuba.mesh.sharp_edges import DIRECTIONS, SharpEdges
-from sarmitsuba.trace.edges import FringeCurrents
+from sarmitsuba.machine.backend import device_array, dr, ensure_backend, mi
+from sarmitsuba.scene.mesh.sharp_edges import DIRECTIONS, SharpEdges
+from sarmitsuba.tracing.scatterers.edges.diffraction import FringeCurrents
 
 WAVELENGTH = 0.03
 PULSES, EXAMINED = 129, 9

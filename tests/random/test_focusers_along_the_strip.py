@@ -6,19 +6,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import SarmitsubaError
-from sarmitsuba.focusing import FOCUSERS, default_grid
-from sarmitsuba.focusing.focuser import check_focuser, parse_focuser
-from sarmitsuba.focusing.focusers.backprojection import backproject
-from sarmitsuba.focusing.ideal import ideal_echoes
-from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.loader.build import build_scene
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import SarmitsubaError
+from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.signal.focusing import FOCUSERS, default_grid
+from sarmitsuba.signal.focusing.focuser import check_focuser, parse_focuser
+from sarmitsuba.signal.focusing.focusers.backprojection import backproject
+from sarmitsuba.signal.focusing.ideal import ideal_echoes
+from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.image.sar_image import ImageGrid
 from tests.support.unweighted import focus
 
 # factorised backprojection with its wanted error takes no pixels with apertures of their own, which are many here
@@ -32,7 +32,7 @@ NAMES = (
     "factorised,error=-25",
 )
 # images at the edge of the beam or at the strip's end are said to be so
-SAID = "ignore:focus:sarmitsuba.errors.SarmitsubaWarning"
+SAID = "ignore:focus:sarmitsuba.core.errors.SarmitsubaWarning"
 
 
 def radar_and_image(
@@ -204,7 +204,7 @@ def test_a_point_keeps_its_level_away_from_the_aim_point(away: float, changes: d
     assert "omega_k" in check(radar, grid)
 
 
-@pytest.mark.filterwarnings(SAID, "ignore:RadarDescription:sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings(SAID, "ignore:RadarDescription:sarmitsuba.core.errors.SarmitsubaWarning")
 @pytest.mark.parametrize("seed", [1, 16, *(pytest.param(n, marks=pytest.mark.slow) for n in range(100, 180))])
 def test_drawn_images_anywhere_on_the_strip(seed: int) -> None:
     try:
@@ -215,7 +215,7 @@ def test_drawn_images_anywhere_on_the_strip(seed: int) -> None:
 
 
 @pytest.mark.parametrize("prf", [75.0, 110.0])
-@pytest.mark.filterwarnings("ignore:RadarDescription:sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore:RadarDescription:sarmitsuba.core.errors.SarmitsubaWarning")
 def test_pulses_too_few_for_the_aperture_fold_over_as_they_do_in_backprojection(prf: float) -> None:
     radar, grid = at(120.0, prf=prf)
     assert 2.0 * radar.half_aperture > 0.5 * radar.waveform.wavelength / (100.0 / prf) * 0.8
@@ -241,7 +241,7 @@ def short(seed: int) -> tuple[Radar, ImageGrid, str]:
     return radar, grid, ("hamming", "hann", "taylor", "rectangular")[rng.integers(4)]
 
 
-@pytest.mark.filterwarnings(SAID, "ignore:RadarDescription:sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings(SAID, "ignore:RadarDescription:sarmitsuba.core.errors.SarmitsubaWarning")
 @pytest.mark.parametrize("window", ["hamming", pytest.param("rectangular", marks=pytest.mark.slow)])
 def test_apertures_of_few_pulses_keep_the_stated_error(window: str) -> None:
     """A window bends so much within such an aperture that stationary phase to second order misses its level."""
@@ -252,7 +252,7 @@ def test_apertures_of_few_pulses_keep_the_stated_error(window: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings(SAID, "ignore:RadarDescription:sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings(SAID, "ignore:RadarDescription:sarmitsuba.core.errors.SarmitsubaWarning")
 @pytest.mark.parametrize("seed", range(12))
 def test_drawn_apertures_of_few_pulses(seed: int) -> None:
     try:

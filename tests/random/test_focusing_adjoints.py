@@ -7,27 +7,27 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sarmitsuba.arrays import C64
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.chirp import n_fast_chirped
-from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import FOCUSERS, default_grid, focus
-from sarmitsuba.focusing.focuser import FocusTask, parse_focuser
-from sarmitsuba.focusing.focusers.backprojection import backproject_numpy
-from sarmitsuba.focusing.operator import FocusingOperator, focusing_operator
-from sarmitsuba.focusing.pixel_lines import plan_line
-from sarmitsuba.focusing.profiles import plan_profiles
-from sarmitsuba.focusing.windows import parse_window
-from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.linear_map import LinearMap
-from sarmitsuba.loader.build import build_scene
-from sarmitsuba.progress import silent
+from sarmitsuba.core.arrays import C64
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.linear_map import LinearMap
+from sarmitsuba.core.progress import silent
+from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.in_pulse import moving_in_pulse
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.signal.focusing import FOCUSERS, default_grid, focus
+from sarmitsuba.signal.focusing.focuser import FocusTask, parse_focuser
+from sarmitsuba.signal.focusing.focusers.backprojection import backproject_numpy
+from sarmitsuba.signal.focusing.operator import FocusingOperator, focusing_operator
+from sarmitsuba.signal.focusing.pixel_lines import plan_line
+from sarmitsuba.signal.focusing.profiles import plan_profiles
+from sarmitsuba.signal.focusing.windows import parse_window
+from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.raw.chirp import n_fast_chirped
+from sarmitsuba.signal.raw.raw_data import Layer, RawData
 
 # every focuser with every option that changes what it computes
 NAMES = (
@@ -138,7 +138,7 @@ def operator_or_refusal(raw: RawData, grid: ImageGrid, name: str, **options: Any
         return str(error)
 
 
-@pytest.mark.filterwarnings("ignore:focus:sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore:focus:sarmitsuba.core.errors.SarmitsubaWarning")
 @pytest.mark.parametrize("mode", MODES)
 def test_adjoint_of_every_focuser_and_mode(mode: str) -> None:
     served: set[str] = set()
@@ -182,7 +182,9 @@ def test_the_check_sees_an_adjoint_that_is_off_by_a_hundred_thousandth() -> None
 
 def test_every_registered_focuser_is_among_them() -> None:
     own = {
-        focuser.name for focuser in FOCUSERS if type(focuser).__module__.startswith("sarmitsuba.focusing.")
+        focuser.name
+        for focuser in FOCUSERS
+        if type(focuser).__module__.startswith("sarmitsuba.signal.focusing.")
     }
     assert own and {name.split(",")[0] for name in NAMES} >= own
 
@@ -236,7 +238,7 @@ def test_factorised_maps_of_own_apertures(options: str, seed: int) -> None:
     check_map(focuser.imaging(FocusTask(raw, grid, *windows, silent)), raw, grid, rng)
 
 
-@pytest.mark.filterwarnings("ignore:focus:sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore:focus:sarmitsuba.core.errors.SarmitsubaWarning")
 @pytest.mark.parametrize("mode", ["spotlight", "stripmap"])
 def test_pixels_outside_of_the_receive_window(mode: str) -> None:
     radar, grid = drawn(mode, 4)

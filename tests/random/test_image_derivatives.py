@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.gradients.image_derivative import ImageDerivative, image_derivative
+from sarmitsuba.apps.fit.image_derivative import ImageDerivative, image_derivative
 from tests.support.differences import drawn
 from tests.support.draws import few_of
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import scipy
 
-from sarmitsuba.loader.build import SceneMesh, build_scene
+from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
+from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
 
 WAVELENGTH = 0.03
 C0 = 299792458.0
@@ -101,7 +101,7 @@ def own_error(noise: float) -> float:
     return float(20.0 * np.log10(4.0 * np.pi * noise + 1e-4))
 
 
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 @pytest.mark.parametrize(("seed", "noise"), [(0, 3e-5)])
 def test_noise_of_vertices(seed: int, noise: float) -> None:
     error, stated = compared(seed, noise, np.zeros(3))
@@ -109,7 +109,7 @@ def test_noise_of_vertices(seed: int, noise: float) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 @pytest.mark.parametrize("seed", range(1, 5))
 @pytest.mark.parametrize("noise", sorted(LIMITS))
 def test_noise_of_vertices_drawn(seed: int, noise: float) -> None:
@@ -117,7 +117,7 @@ def test_noise_of_vertices_drawn(seed: int, noise: float) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 @pytest.mark.parametrize("seed", range(5, 8))
 def test_faces_given_twice_and_far_from_the_origin(seed: int) -> None:
     error, stated = compared(seed, 0.0, np.array([2600.0, -3100.0, 20.0]), twice=True)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import scipy.io
 
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import apply_autofocus_records
-from sarmitsuba.focusing.autofocus import without_trend
-from sarmitsuba.io import read_raw
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.files import read_raw
+from sarmitsuba.signal.focusing import apply_autofocus_records
+from sarmitsuba.signal.focusing.autofocus import without_trend
 from tests.support.draws import few_of
 from tests.support.recorded_tracks import Corner, fitted_to_targets, read_targets
 

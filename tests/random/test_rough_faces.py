@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sarmitsuba.loader.build import SceneMesh, build_scene
+from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.simulation.planning.pilot import plan_scene
 from tests.support.unweighted import focus
 
 F64 = NDArray[np.float64]

@@ -6,9 +6,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from sarmitsuba.focusing import FOCUSERS
-from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy
-from sarmitsuba.image.metrics import image_error_db
+from sarmitsuba.signal.focusing import FOCUSERS
+from sarmitsuba.signal.focusing.focusers.backprojection import backproject, backproject_numpy
+from sarmitsuba.signal.image.metrics import image_error_db
 from tests.support.unweighted import focus
 
 # forms that are quick to run; slow tests take all
@@ -30,7 +30,7 @@ def drawn_focusing(benchmark_script: Callable[[str], ModuleType]) -> ModuleType:
 
 pytestmark = [
     # drawn radars undersample, and their beams leave the edges of images dim
-    pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning"),
+    pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning"),
 ]
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sarmitsuba import fit
-from sarmitsuba.errors import DataError, SceneError
-from sarmitsuba.gradients.confirmation import CONFIRMED
+from sarmitsuba.apps.fit.confirmation import CONFIRMED
+from sarmitsuba.core.errors import DataError, SceneError
 from tests.support.buildings import Drawn, drawn_town
 
 pytestmark = [

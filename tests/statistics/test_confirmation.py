@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba import fit
-from sarmitsuba.gradients.confirmation import (
+from sarmitsuba.apps.fit.confirmation import (
     CONFIRMED,
     LOOKED_AT,
     Coherence,
@@ -15,11 +15,11 @@ from sarmitsuba.gradients.confirmation import (
     confirmed,
     scattered,
 )
-from sarmitsuba.gradients.forward_model import ForwardModel
-from sarmitsuba.gradients.jacobian import parameters_of
-from sarmitsuba.gradients.material_parameters import with_material
-from sarmitsuba.gradients.measured_looks import looks_of
-from sarmitsuba.gradients.parsing import parse
+from sarmitsuba.apps.fit.forward_model import ForwardModel
+from sarmitsuba.apps.fit.jacobian import parameters_of
+from sarmitsuba.apps.fit.material_parameters import with_material
+from sarmitsuba.apps.fit.measured_looks import looks_of
+from sarmitsuba.apps.fit.parsing import parse
 from tests.support.buildings import drawn_town, town
 from tests.support.draws import few_of
 from tests.support.fit_draws import OTHER, OWN, SPECKLE, FitDraw, other_scene, outside
@@ -140,12 +140,12 @@ def test_a_fit_never_ends_worse_than_its_start(monkeypatch: pytest.MonkeyPatch) 
     def astray(looks: Any, start: np.ndarray, passed: Any) -> tuple[np.ndarray, np.ndarray]:
         return start + 0.4, np.full(len(start), 0.1)
 
-    monkeypatch.setattr("sarmitsuba.gradients.fit.coarse_shapes", astray)
-    monkeypatch.setattr("sarmitsuba.gradients.fit.rival_cycles", lambda looks, values, known: [])
+    monkeypatch.setattr("sarmitsuba.apps.fit.fit.coarse_shapes", astray)
+    monkeypatch.setattr("sarmitsuba.apps.fit.fit.rival_cycles", lambda looks, values, known: [])
     monkeypatch.setattr(
-        "sarmitsuba.gradients.fit.checked_offsets", lambda looks, values: (values, 0.0 * values)
+        "sarmitsuba.apps.fit.fit.checked_offsets", lambda looks, values: (values, 0.0 * values)
     )
-    monkeypatch.setattr("sarmitsuba.gradients.fit.other_cycles", lambda looks, values: values)
+    monkeypatch.setattr("sarmitsuba.apps.fit.fit.other_cycles", lambda looks, values: values)
     found = fit(scene, raw, "shift:box:z")
     assert found.values[0] == pytest.approx(1e-4, abs=1e-7)  # tol: float32 data
 
@@ -217,7 +217,7 @@ def test_cycles_beside_the_one_found_are_tried_whatever_envelopes_say(
         "rival_cycles.solutions": lambda rows, moved: ([np.zeros(len(moved))], np.zeros(len(moved))),
     }
     for name, function in still.items():
-        monkeypatch.setattr(f"sarmitsuba.gradients.{name}", function)
+        monkeypatch.setattr(f"sarmitsuba.apps.fit.{name}", function)
     found = fit(scene, raw, parameters)
     right = bool((np.abs(found.values - truth) < 4.0 * found.sigma).all())
     assert right, found.table()

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from sarmitsuba import Prior, fit, simulate
-from sarmitsuba.errors import DataError, SarmitsubaWarning, SceneError
-from sarmitsuba.focusing.autofocus import correct_ranges
-from sarmitsuba.gradients.coarse_track import range_errors
-from sarmitsuba.gradients.forward_model import ForwardModel
-from sarmitsuba.gradients.least_squares import checked_iterations, known_priors
-from sarmitsuba.gradients.material_parameters import with_material
-from sarmitsuba.gradients.measured_looks import radar_differences
-from sarmitsuba.gradients.parsing import parse
-from sarmitsuba.gradients.radar_parameters import AntennaTrack
+from sarmitsuba.apps.fit.coarse_track import range_errors
+from sarmitsuba.apps.fit.forward_model import ForwardModel
+from sarmitsuba.apps.fit.least_squares import checked_iterations, known_priors
+from sarmitsuba.apps.fit.material_parameters import with_material
+from sarmitsuba.apps.fit.measured_looks import radar_differences
+from sarmitsuba.apps.fit.parsing import parse
+from sarmitsuba.apps.fit.radar_parameters import AntennaTrack
+from sarmitsuba.core.errors import DataError, SarmitsubaWarning, SceneError
+from sarmitsuba.core.witness import Witness
 from sarmitsuba.radar.antenna import Antenna
-from sarmitsuba.witness import Witness
+from sarmitsuba.signal.focusing.autofocus import correct_ranges
 from tests.support.fits import fields, fitted_levels, fitted_track, noisy, range_error
 
 OFFSETS = np.array([1.5, -2.0, 0.7])

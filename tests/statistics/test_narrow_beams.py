@@ -5,17 +5,17 @@ import importlib
 import numpy as np
 import pytest
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.focusing import focus
-from sarmitsuba.focusing.aperture_weights import ground_cell_area, matched_weights
-from sarmitsuba.focusing.narrow_beam import beam_over_cell
-from sarmitsuba.loader.build import build_scene
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.signal.focusing import focus
+from sarmitsuba.signal.focusing.aperture_weights import ground_cell_area, matched_weights
+from sarmitsuba.signal.focusing.narrow_beam import beam_over_cell
+from sarmitsuba.simulation.execution.render import simulate
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from sarmitsuba import theory
-from sarmitsuba.validation.cases import CaseEntry
-from sarmitsuba.validation.cases.speckle import distributions
-from sarmitsuba.validation.run_cases import run_case, select
+from sarmitsuba.truth import theory
+from sarmitsuba.truth.validation.cases import CaseEntry
+from sarmitsuba.truth.validation.cases.speckle import distributions
+from sarmitsuba.truth.validation.run_cases import run_case, select
 
 
 # correlation wants a second image, windowed; test_focus_windows holds the response that it follows

@@ -20,10 +20,10 @@ from sarmitsuba import (
     build_scene,
     fit,
 )
-from sarmitsuba.arrays import F64, I32
-from sarmitsuba.gradients.forward_model import ForwardModel
-from sarmitsuba.gradients.jacobian import parameters_of
-from sarmitsuba.mesh.tessellate import cube
+from sarmitsuba.apps.fit.forward_model import ForwardModel
+from sarmitsuba.apps.fit.jacobian import parameters_of
+from sarmitsuba.core.arrays import F64, I32
+from sarmitsuba.scene.mesh.tessellate import cube
 from tests.support.fits import noisy
 
 # distance of the middles of neighbouring plots, and width of the ground around them, m

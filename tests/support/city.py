@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.mesh.ply import write_ply
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.scene.mesh.ply import write_ply
 from scenes.city import city_mesh
 
 _XML = """<!--

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.loader.build import SceneMesh, build_scene
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.scene import Scene

@@ -17,10 +17,10 @@ from sarmitsuba import (
     TraceSettings,
     build_scene,
 )
-from sarmitsuba.arrays import C64, C128, F64
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.gradients.forward_model import ForwardModel
-from sarmitsuba.gradients.parsing import parse
+from sarmitsuba.apps.fit.forward_model import ForwardModel
+from sarmitsuba.apps.fit.parsing import parse
+from sarmitsuba.core.arrays import C64, C128, F64
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
 
 # steps of the differences by unit: a sixth of a radian of phase, and a hundredth of a material's property
 METRES, SECONDS, DECIBELS, SHARE, LOSS, RADIANS = 4e-4, 2e-11, 0.05, 0.02, 0.04, 5e-5

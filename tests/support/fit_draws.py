@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from sarmitsuba import Fit, Prior, RawData, Scene, fit
-from sarmitsuba.arrays import F64
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import SarmitsubaError, SarmitsubaWarning
-from sarmitsuba.gradients.confirmation import CONFIRMED
-from sarmitsuba.gradients.forward_model import ForwardModel
-from sarmitsuba.gradients.jacobian import parameters_of
+from sarmitsuba.apps.fit.confirmation import CONFIRMED
+from sarmitsuba.apps.fit.forward_model import ForwardModel
+from sarmitsuba.apps.fit.jacobian import parameters_of
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import SarmitsubaError, SarmitsubaWarning
 from tests.support.buildings import town
 from tests.support.differences import CHANNELS
 from tests.support.fits import noisy

@@ -19,11 +19,11 @@ from sarmitsuba import (
     build_scene,
     fit,
 )
-from sarmitsuba.arrays import F64
-from sarmitsuba.constants import BOLTZMANN
-from sarmitsuba.echo.noise import add_noise
-from sarmitsuba.gradients.forward_model import ForwardModel
-from sarmitsuba.gradients.parsing import parse
+from sarmitsuba.apps.fit.forward_model import ForwardModel
+from sarmitsuba.apps.fit.parsing import parse
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.constants import BOLTZMANN
+from sarmitsuba.signal.raw.noise import add_noise
 from tests.support.differences import box as drawn_box
 
 # pulses of a block: short ones, within which directions do not change

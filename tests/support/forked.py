@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 import sarmitsuba
-from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.signal.raw.raw_data import RawData
 
 SMALL = {
     "slant_range": "1000",

@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.loader.build import build_scene
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.image.sar_image import ImageGrid
 
 CELLS = 72  # edge of the image, resolution cells
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import F64, I64
+from sarmitsuba.core.arrays import F64, I64
 
 Bools = NDArray[np.bool_]
 

@@ -16,9 +16,9 @@ from sarmitsuba import (
     TraceSettings,
     build_scene,
 )
-from sarmitsuba.arrays import C64, F64
-from sarmitsuba.materials.material import SurfaceMaps
-from sarmitsuba.materials.texture import Bitmap, in_plan
+from sarmitsuba.core.arrays import C64, F64
+from sarmitsuba.scene.materials.material import SurfaceMaps
+from sarmitsuba.scene.materials.texture import Bitmap, in_plan
 
 CORNERS = [(i, j, k) for k in (0, 1) for j in (0, 1) for i in (0, 1)]
 QUADS = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))

@@ -21,11 +21,11 @@ from sarmitsuba import (
     TraceSettings,
     build_scene,
 )
-from sarmitsuba.arrays import C64, C128, F64
-from sarmitsuba.gradients.forward_model import ForwardModel
-from sarmitsuba.gradients.needed import At
-from sarmitsuba.gradients.parsing import parse
-from sarmitsuba.trace.tangents import Displacement
+from sarmitsuba.apps.fit.forward_model import ForwardModel
+from sarmitsuba.apps.fit.needed import At
+from sarmitsuba.apps.fit.parsing import parse
+from sarmitsuba.core.arrays import C64, C128, F64
+from sarmitsuba.tracing.derivatives.tangents import Displacement
 from tests.support.differences import relative
 
 # m: steps over which what is hidden of a wall changes evenly, and its phase along the wall by little

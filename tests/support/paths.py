@@ -6,17 +6,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import C64, F64, U32
-from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.arrays import C64, F64, U32
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.materials.material import Material
+from sarmitsuba.machine.backend import dr, ensure_backend, mi
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.trace.kernel import KernelSettings, trace
-from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
-from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
-from sarmitsuba.trace.state import Contribution, Kernel
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.tracing.kernel.kernel import KernelSettings, trace
+from sarmitsuba.tracing.kernel.launch import LaunchFrame, LaunchGrid, PulseBatch
+from sarmitsuba.tracing.kernel.scene_tables import TraceScene, build_trace_scene
+from sarmitsuba.tracing.kernel.state import Contribution, Kernel
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class RecordAccumulator:
         return (dr.arange(mi.UInt32, self.n_lanes),)
 
     def add(self, state: tuple[Any, ...], contribution: Contribution) -> tuple[Any, ...]:
-        """Store; see :class:`sarmitsuba.trace.kernel.Accumulator`. Orders above the highest are dropped."""
+        """Store; see :class:`sarmitsuba.tracing.kernel.kernel.Accumulator`. Orders above the highest are dropped."""
         order, first = contribution.order, contribution.amplitudes[0]
         kept = contribution.active & (order <= dr.opaque(mi.UInt32, self.max_order))
         row = (order - 1) * dr.opaque(mi.UInt32, self.n_lanes) + state[0]

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from sarmitsuba import Fit, Prior, RadarDescription, RawData, Scene, SceneMesh, build_scene, fit
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import DataError
-from sarmitsuba.gradients.forward_model import ForwardModel
-from sarmitsuba.gradients.parsing import parse
+from sarmitsuba.apps.fit.forward_model import ForwardModel
+from sarmitsuba.apps.fit.parsing import parse
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import DataError
 from sarmitsuba.scene.settings import TraceSettings
 from tests.support.tracks import track_offsets, trihedral
 

@@ -3,7 +3,7 @@
 import warnings
 from functools import cache
 
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.scene import Scene
 
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sarmitsuba import FilmDescription, Material, RadarDescription, RawData, Scene, SceneMesh, build_scene
-from sarmitsuba.arrays import F64
-from sarmitsuba.gradients.forward_model import ForwardModel
-from sarmitsuba.gradients.parsing import parse
-from sarmitsuba.gradients.radar_parameters import AntennaTrack
+from sarmitsuba.apps.fit.forward_model import ForwardModel
+from sarmitsuba.apps.fit.parsing import parse
+from sarmitsuba.apps.fit.radar_parameters import AntennaTrack
+from sarmitsuba.core.arrays import F64
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.settings import TraceSettings
 from tests.support.fits import noisy

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sarmitsuba.errors import SarmitsubaWarning
+from sarmitsuba.core.errors import SarmitsubaWarning
 
 FOLDER = Path(__file__).parents[2] / "docs" / "tutorials"
 BOOKS = sorted(FOLDER.glob("*.ipynb"))

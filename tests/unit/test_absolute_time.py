@@ -9,10 +9,9 @@ import h5py
 import numpy as np
 import pytest
 
-from sarmitsuba.errors import DataError, RadarError
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.io import read_image, read_raw, write_image, write_raw
-from sarmitsuba.loader.build import build_scene
+from sarmitsuba.core.errors import DataError, RadarError
+from sarmitsuba.files import read_image, read_raw, write_image, write_raw
+from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.collection import Collection
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.ephemeris import StateVectors
@@ -21,7 +20,8 @@ from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.utc import DEFAULT_EPOCH, utc_of, utc_text
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.simulation.execution.render import simulate
 from tests.support.draws import few_of
 from tests.support.unweighted import focus
 
@@ -281,7 +281,7 @@ def test_the_description_has_an_epoch() -> None:
         scene_with(epoch="soon")
 
 
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # a few pulses only
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")  # a few pulses only
 def test_files_of_tracks_have_dates(tmp_path: Path) -> None:
     lines = [f"2024-05-01T06:00:00.{i:03}Z, 5000, {0.1 * i - 0.5}, 4000" for i in range(12)]
     path = tmp_path / "track.csv"

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.focusing.frequency_domain.aperture_filter import aperture_filter
-from sarmitsuba.focusing.frequency_domain.track_geometry import track_geometry
-from sarmitsuba.focusing.grid import default_grid
-from sarmitsuba.focusing.ideal import ideal_radar
-from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.radar.antenna import Antenna
+from sarmitsuba.signal.focusing.frequency_domain.aperture_filter import aperture_filter
+from sarmitsuba.signal.focusing.frequency_domain.track_geometry import track_geometry
+from sarmitsuba.signal.focusing.grid import default_grid
+from sarmitsuba.signal.focusing.ideal import ideal_radar
+from sarmitsuba.signal.focusing.windows import parse_window
 
 
 @pytest.mark.parametrize("window", ["rectangular", "taylor", "hann"])

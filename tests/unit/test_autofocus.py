@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sarmitsuba.errors import DataError, ExtensionError
-from sarmitsuba.focusing import AUTOFOCUSERS, default_grid
-from sarmitsuba.focusing.autofocus import AutofocusTask, correct_ranges, parse_autofocus
-from sarmitsuba.focusing.focuser import parse_focuser
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focusing.windows import parse_window
+from sarmitsuba.core.errors import DataError, ExtensionError
 from sarmitsuba.radar.track import Track
+from sarmitsuba.signal.focusing import AUTOFOCUSERS, default_grid
+from sarmitsuba.signal.focusing.autofocus import AutofocusTask, correct_ranges, parse_autofocus
+from sarmitsuba.signal.focusing.focuser import parse_focuser
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.focusing.windows import parse_window
 from tests.support.unweighted import focus
 
 pytestmark = pytest.mark.usefixtures("benchmark_script")

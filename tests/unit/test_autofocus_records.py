@@ -9,13 +9,13 @@ import scipy.io
 import scipy.ndimage
 
 from sarmitsuba import cli
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import apply_autofocus_records, default_grid
-from sarmitsuba.focusing.autofocus import AutofocusTask, parse_autofocus
-from sarmitsuba.focusing.focuser import parse_focuser
-from sarmitsuba.focusing.windows import parse_window
-from sarmitsuba.image.calibration import calibrate
-from sarmitsuba.io import read_image, read_raw, write_image, write_raw
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.files import read_image, read_raw, write_image, write_raw
+from sarmitsuba.signal.focusing import apply_autofocus_records, default_grid
+from sarmitsuba.signal.focusing.autofocus import AutofocusTask, parse_autofocus
+from sarmitsuba.signal.focusing.focuser import parse_focuser
+from sarmitsuba.signal.focusing.windows import parse_window
+from sarmitsuba.signal.image.calibration import calibrate
 from sarmitsuba.view.display import PictureOptions, prepare
 from tests.support.draws import few_of
 from tests.support.unweighted import focus

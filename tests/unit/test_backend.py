@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from sarmitsuba import backend
-from sarmitsuba.backend import LlvmChoice, find_llvm
-from sarmitsuba.errors import ResourceError
-from sarmitsuba.memory import check_limits
+from sarmitsuba.core.errors import ResourceError
+from sarmitsuba.machine import backend
+from sarmitsuba.machine.backend import LlvmChoice, find_llvm
+from sarmitsuba.machine.memory import check_limits
 
 
 def folder_with(root: Path, *names: str) -> None:
@@ -78,7 +78,9 @@ def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-SHOW = "from sarmitsuba.backend import ensure_backend as e; b = e(); assert b == e(); print(b.variant)"
+SHOW = (
+    "from sarmitsuba.machine.backend import ensure_backend as e; b = e(); assert b == e(); print(b.variant)"
+)
 
 
 def test_a_fresh_process_gets_a_variant_that_computes() -> None:
@@ -88,7 +90,7 @@ def test_a_fresh_process_gets_a_variant_that_computes() -> None:
 
 
 def test_a_variant_that_can_trace_is_kept() -> None:
-    before = "from sarmitsuba.backend import prepare_llvm; prepare_llvm(); import mitsuba as mi; "
+    before = "from sarmitsuba.machine.backend import prepare_llvm; prepare_llvm(); import mitsuba as mi; "
     result = run(before + "mi.set_variant('llvm_ad_spectral'); " + SHOW)
     assert result.stdout.strip() == "llvm_ad_spectral", result.stderr
     result = run(before + "mi.set_variant('scalar_rgb'); " + SHOW, SARMITSUBA_VARIANT="llvm_ad_rgb")
@@ -109,7 +111,7 @@ def test_mitsuba_may_be_imported_first(first: str) -> None:
 
 
 def test_focusing_may_follow_a_late_start() -> None:
-    code = "import drjit as dr; from sarmitsuba.backend import arrays; a = arrays(); print(dr.sum(a.Float([1, 2]))[0])"
+    code = "import drjit as dr; from sarmitsuba.machine.backend import arrays; print(dr.sum(arrays().Float([1, 2]))[0])"
     result = run(code, SARMITSUBA_VARIANT="llvm_ad_rgb")
     assert result.stdout.split() == ["3.0"], result.stderr
 
@@ -130,7 +132,7 @@ def test_focusing_may_follow_a_late_start() -> None:
 def test_what_does_not_work_is_one_line_with_a_remedy(environment: dict[str, str], text: str) -> None:
     result = run(SHOW, **environment)
     last = result.stderr.strip().splitlines()[-1]
-    assert last.startswith("sarmitsuba.errors.BackendError: ") and text in last
+    assert last.startswith("sarmitsuba.core.errors.BackendError: ") and text in last
 
 
 def test_the_packages_libcxx_is_loaded_without_its_links(tmp_path: Path) -> None:
@@ -144,7 +146,7 @@ def test_the_packages_libcxx_is_loaded_without_its_links(tmp_path: Path) -> None
     for name in ("libunwind", "libc++abi", "libc++"):
         shutil.copy(folders[0] / f"{name}.so.1.0", place)
     code = (
-        "import ctypes, pathlib; from sarmitsuba.backend import _preload_libcxx as p;"
+        "import ctypes, pathlib; from sarmitsuba.machine.backend import _preload_libcxx as p;"
         f"p(pathlib.Path({str(tmp_path / 'libLLVM.so')!r})); ctypes.CDLL('libc++.so.1');"
         "print([line.split()[-1] for line in open('/proc/self/maps') if 'libc++.so' in line][0])"
     )

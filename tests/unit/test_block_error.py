@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.loader.library import resolve
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.loading.library import resolve
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation import blocks as blocks_module
-from sarmitsuba.simulation.blocks import Blocks
-from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.sampling.rays import Rays
-from sarmitsuba.simulation.tracing import Tracer
-from sarmitsuba.trace.launch import LatticeLevel, LaunchFrame, lattice
+from sarmitsuba.simulation.execution import blocks as blocks_module
+from sarmitsuba.simulation.execution.blocks import Blocks
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.execution.tracing import Tracer
+from sarmitsuba.simulation.planning.sampling.rays import Rays
+from sarmitsuba.tracing.kernel.launch import LatticeLevel, LaunchFrame, lattice
 
 
 def test_levels_shift_by_half_a_cell_of_their_own() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.focusing.frequency_domain.chirp_z import (
+from sarmitsuba.signal.focusing.frequency_domain.chirp_z import (
     ChirpZ,
     VirtualChirp,
     interpolate,

@@ -10,9 +10,9 @@ import scipy.io
 
 from sarmitsuba import cli
 from sarmitsuba.analysis.quality import KnownPoint, image_quality
-from sarmitsuba.echo.doppler_estimate import estimate_doppler
-from sarmitsuba.errors import DataError
-from sarmitsuba.io import read_raw, write_raw
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.files import read_raw, write_raw
+from sarmitsuba.signal.raw.doppler_estimate import estimate_doppler
 from tests.support.draws import few_of
 from tests.support.unweighted import focus
 

@@ -16,20 +16,20 @@ import numpy as np
 import pytest
 
 from sarmitsuba import load_scene, simulate
+from sarmitsuba.apps.cluster import ClusterAddress, ClusterPlan
 from sarmitsuba.cli import main
-from sarmitsuba.cluster import ClusterAddress, ClusterPlan
 from sarmitsuba.commands.cluster_arguments import open_workers
 from sarmitsuba.commands.console import Console
-from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.errors import ClusterError
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.focuser import FocusTask
-from sarmitsuba.focusing.focusers.backprojection import Backprojection, backproject
-from sarmitsuba.focusing.windows import parse_window
-from sarmitsuba.progress import silent
+from sarmitsuba.core.errors import ClusterError
+from sarmitsuba.core.progress import silent
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import Method, TraceSettings
-from sarmitsuba.simulation.batches import Batch, Traced, TraceJob
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.focusing.focuser import FocusTask
+from sarmitsuba.signal.focusing.focusers.backprojection import Backprojection, backproject
+from sarmitsuba.signal.focusing.windows import parse_window
+from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.simulation.execution.batches import Batch, Traced, TraceJob
 
 FEW = {"azimuth_resolution": "1.5", "image_extent_azimuth": "24"}
 
@@ -144,8 +144,8 @@ def test_what_is_not_shared_is_said(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.slow
 def test_a_killed_worker_loses_nothing() -> None:
     """Two processes; at drawn moments one is killed with SIGKILL: same bits."""
-    from sarmitsuba.cluster.dask_workers import open_workers as opened
-    from sarmitsuba.cluster.focusing import SharedBackprojection
+    from sarmitsuba.apps.cluster.dask_workers import open_workers as opened
+    from sarmitsuba.apps.cluster.focusing import SharedBackprojection
 
     scene = scene_of("tower", {}, keep_subsets=True, key_pulse_interval=32)
     alone = simulate(scene)
@@ -224,7 +224,7 @@ class ByTiles:
 @pytest.mark.parametrize("kind", ["slant", "ground"])
 def test_tiles_of_workers_are_the_backprojection(kind: str) -> None:
     pytest.importorskip("distributed")
-    from sarmitsuba.cluster.focusing import SharedBackprojection
+    from sarmitsuba.apps.cluster.focusing import SharedBackprojection
 
     few = {"azimuth_resolution": "2", "image_extent_azimuth": "40"}
     scene = scene_of("tower", few)
@@ -255,7 +255,7 @@ def test_a_stranger_is_refused_by_the_cluster_of_this_machine() -> None:
     from distributed import Client
     from distributed.security import Security
 
-    from sarmitsuba.cluster.dask_workers import open_workers as started
+    from sarmitsuba.apps.cluster.dask_workers import open_workers as started
 
     with started(ClusterAddress.parse("local:1")) as workers:
         address = workers.client.scheduler.address

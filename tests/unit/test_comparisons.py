@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.validation.cases import CASES
-from sarmitsuba.validation.comparison import TOPICS, Case, Comparison, summarise
-from sarmitsuba.validation.figures import plot_case
-from sarmitsuba.validation.markdown_page import report, summary_lines
+from sarmitsuba.truth.validation.cases import CASES
+from sarmitsuba.truth.validation.comparison import TOPICS, Case, Comparison, summarise
+from sarmitsuba.truth.validation.figures import plot_case
+from sarmitsuba.truth.validation.markdown_page import report, summary_lines
 
 
 def comparison(offset: float = 0.05, **changes: object) -> Comparison:

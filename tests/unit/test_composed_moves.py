@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.arrays import F64
-from sarmitsuba.gradients.forward_model import ForwardModel
-from sarmitsuba.gradients.parsing import parse
+from sarmitsuba.apps.fit.forward_model import ForwardModel
+from sarmitsuba.apps.fit.parsing import parse
+from sarmitsuba.core.arrays import F64
 
 # a pyramid on a right-angled triangle: the box around it, and so the middle of its base, changes as it turns
 CORNERS = "v 0 0 1\nv 4 0 1\nv 0 2 1\nv 1 1 4\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"

@@ -3,7 +3,7 @@
 import pytest
 import scipy.constants
 
-from sarmitsuba import constants
+from sarmitsuba.core import constants
 
 
 def test_physical_constants_are_those_of_codata() -> None:

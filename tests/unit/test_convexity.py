@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from sarmitsuba.mesh.convexity import is_convex_body
+from sarmitsuba.scene.mesh.convexity import is_convex_body
 
 
 def body_of_revolution(top: np.ndarray, radius: np.ndarray, around: int) -> tuple[np.ndarray, np.ndarray]:

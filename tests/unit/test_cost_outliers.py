@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 
 from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene
-from sarmitsuba.cost import trials as trials_module
-from sarmitsuba.cost.model import corrected
-from sarmitsuba.cost.proof import ProofRun
-from sarmitsuba.cost.report import Candidate, CostReport, beaten, recommend
-from sarmitsuba.cost.study import study_cost
-from sarmitsuba.cost.trial import Changes, Trial, TrialSetting
-from sarmitsuba.cost.trials import Trials
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.focuser import parse_focuser
+from sarmitsuba.apps.cost import trials as trials_module
+from sarmitsuba.apps.cost.model import corrected
+from sarmitsuba.apps.cost.proof import ProofRun
+from sarmitsuba.apps.cost.report import Candidate, CostReport, beaten, recommend
+from sarmitsuba.apps.cost.study import study_cost
+from sarmitsuba.apps.cost.trial import Changes, Trial, TrialSetting
+from sarmitsuba.apps.cost.trials import Trials
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.simulation.prediction.speed import Work
-from sarmitsuba.simulation.statistics import TraceStatistics
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.focusing.focuser import parse_focuser
+from sarmitsuba.simulation.execution.statistics import TraceStatistics
+from sarmitsuba.simulation.planning.prediction.speed import Work
 
 SPACING, PULSES, INTERVAL, DEPTH = 0.0069, 54, 27, 6
 FOCUS = {"auto": 0.4, "factorised": 0.4, "backprojection": 1.0}

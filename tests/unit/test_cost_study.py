@@ -7,25 +7,25 @@ import numpy as np
 import pytest
 
 from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene
-from sarmitsuba.cost.clock import MeasuredClock, WorkClock
-from sarmitsuba.cost.model import CostModel, corrected
-from sarmitsuba.cost.proof import ProofRun, Reference
-from sarmitsuba.cost.report import Candidate, options_of, pareto, recommend
-from sarmitsuba.cost.study import reference_depth, study_cost
-from sarmitsuba.cost.sweeps import LEAST_DEPTH, SPACINGS, depths
-from sarmitsuba.cost.swept_piece import REFERENCES, field_of_proof
-from sarmitsuba.cost.trial import TrialSetting, mean_image, run_trial
-from sarmitsuba.cost.trials import Trials, _part
+from sarmitsuba.apps.cost.clock import MeasuredClock, WorkClock
+from sarmitsuba.apps.cost.model import CostModel, corrected
+from sarmitsuba.apps.cost.proof import ProofRun, Reference
+from sarmitsuba.apps.cost.report import Candidate, options_of, pareto, recommend
+from sarmitsuba.apps.cost.study import reference_depth, study_cost
+from sarmitsuba.apps.cost.sweeps import LEAST_DEPTH, SPACINGS, depths
+from sarmitsuba.apps.cost.swept_piece import REFERENCES, field_of_proof
+from sarmitsuba.apps.cost.trial import TrialSetting, mean_image, run_trial
+from sarmitsuba.apps.cost.trials import Trials, _part
+from sarmitsuba.core.errors import OutputError
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan
-from sarmitsuba.errors import OutputError
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.io.journal import Journal
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.machine.journal import Journal
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.prediction.speed import SpeedModel, Work, split_trace
-from sarmitsuba.simulation.sampling.density_plan import RaySpacings, SamplingPlan
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.simulation.planning.pilot import plan_scene
+from sarmitsuba.simulation.planning.prediction.speed import SpeedModel, Work, split_trace
+from sarmitsuba.simulation.planning.sampling.density_plan import RaySpacings, SamplingPlan
 
 
 def candidate(error_db: float, seconds: float, spacing: float = 1.0, method: str = "hybrid") -> Candidate:

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 from sarmitsuba.cli import main
-from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.io import read_raw, write_raw
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.files import read_raw, write_raw
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from tests.support.unweighted import focus
 
 skcphd = pytest.importorskip("sarkit.cphd", reason="writes CPHD; in the extra formats, from Python 3.11")

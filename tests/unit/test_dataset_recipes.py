@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.datasets.distributions import read_drawn
-from sarmitsuba.datasets.recipe import read_recipe
-from sarmitsuba.datasets.recipe_tables import DRAWS, VALUES
-from sarmitsuba.errors import DataError, SarmitsubaError
-from sarmitsuba.parameters import Param
+from sarmitsuba.apps.datasets.distributions import read_drawn
+from sarmitsuba.apps.datasets.recipe import read_recipe
+from sarmitsuba.apps.datasets.recipe_tables import DRAWS, VALUES
+from sarmitsuba.core.errors import DataError, SarmitsubaError
+from sarmitsuba.core.parameters import Param
 
 ANGLE = Param("angle_deg", "float", 0.0, "an angle", "deg", -180.0, 180.0)
 COUNT = Param("count", "integer", 0, "a number", "", 0, 20)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sarmitsuba.datasets.detection import DetectionDocuments
-from sarmitsuba.datasets.recipe import read_recipe
-from sarmitsuba.datasets.record import SampleRecord
+from sarmitsuba.apps.datasets.detection import DetectionDocuments
+from sarmitsuba.apps.datasets.recipe import read_recipe
+from sarmitsuba.apps.datasets.record import SampleRecord
 
 
 def decoded(found: dict[str, Any]) -> NDArray[np.bool_]:

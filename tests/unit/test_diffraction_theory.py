@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.special import hankel2
 
-from sarmitsuba import theory
-from sarmitsuba.arrays import F64
-from sarmitsuba.materials.wedge import fringe_bound
-from sarmitsuba.theory.moments import strips_by_moments
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.scene.materials.wedge import fringe_bound
+from sarmitsuba.truth import theory
+from sarmitsuba.truth.theory.moments import strips_by_moments
 
 FRAME = theory.WedgeFrame(1.5, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
 EDGE = np.array([0.0, 0.0, 1.0])

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import ExtensionError, SceneError
-from sarmitsuba.materials.diffuse import DiffuseTable, diffuse_tables
-from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0
-from sarmitsuba.materials.fresnel import fresnel
-from sarmitsuba.materials.laws.effective_roughness import lobe_power
-from sarmitsuba.materials.laws.iem import iem_backscatter
-from sarmitsuba.materials.laws.kirchhoff import geometrical_optics_sigma0
-from sarmitsuba.materials.laws.roughness import shared_energy_sigma0
-from sarmitsuba.materials.laws.small_perturbation import small_perturbation_sigma0
-from sarmitsuba.materials.material import Material
-from sarmitsuba.units import db_from_power
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import ExtensionError, SceneError
+from sarmitsuba.core.units import db_from_power
+from sarmitsuba.scene.materials.diffuse import DiffuseTable, diffuse_tables
+from sarmitsuba.scene.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0
+from sarmitsuba.scene.materials.fresnel import fresnel
+from sarmitsuba.scene.materials.laws.effective_roughness import lobe_power
+from sarmitsuba.scene.materials.laws.iem import iem_backscatter
+from sarmitsuba.scene.materials.laws.kirchhoff import geometrical_optics_sigma0
+from sarmitsuba.scene.materials.laws.roughness import shared_energy_sigma0
+from sarmitsuba.scene.materials.laws.small_perturbation import small_perturbation_sigma0
+from sarmitsuba.scene.materials.material import Material
 
 WAVELENGTH = SPEED_OF_LIGHT / 9.65e9
 C_BAND = SPEED_OF_LIGHT / 5.405e9

@@ -7,20 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.focusing import focus
-from sarmitsuba.loader.build import SceneMesh, build_scene
-from sarmitsuba.loader.library import list_radars, list_scenes
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.mesh.model_units import doubtful_unit, up_axis
+from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.loading.build import SceneMesh, build_scene
+from sarmitsuba.loading.library import list_radars, list_scenes
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.radar.builder import build_radar
 from sarmitsuba.radar.description import RadarDescription, RadarInput
 from sarmitsuba.radar.extent import Extent
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.scene.mesh.model_units import doubtful_unit, up_axis
+from sarmitsuba.signal.focusing import focus
+from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.simulation.execution.render import simulate
 
 SMALL = Extent.of_box(np.array([-5.0, -5.0, 0.0]), np.array([5.0, 5.0, 5.0]))
 

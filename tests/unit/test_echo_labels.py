@@ -5,26 +5,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.arrays import C64, F64, I64
-from sarmitsuba.backend import dr
-from sarmitsuba.exclusive import exclusive
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.look import adjoint_cells, form_image
-from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.labelling.echo_labels import EchoLabels, echo_labels
-from sarmitsuba.labelling.instances import boxes
-from sarmitsuba.loader.build import SceneMesh, build_scene
+from sarmitsuba.analysis.labels.echo_labels import EchoLabels, echo_labels
+from sarmitsuba.analysis.labels.instances import boxes
+from sarmitsuba.core.arrays import C64, F64, I64
+from sarmitsuba.loading.build import SceneMesh, build_scene
+from sarmitsuba.machine.backend import dr
+from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.image import Imager
-from sarmitsuba.simulation.point_taps import point_taps
-from sarmitsuba.simulation.pulses import AntennaStates
-from sarmitsuba.simulation.recording import Recording
-from sarmitsuba.simulation.run import Run
-from sarmitsuba.trace.path_groups import MECHANISMS
-from sarmitsuba.trace.state import COHERENT, RECIPROCAL
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.focusing.look import adjoint_cells, form_image
+from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.simulation.execution.image import Imager
+from sarmitsuba.simulation.execution.point_taps import point_taps
+from sarmitsuba.simulation.execution.pulses import AntennaStates
+from sarmitsuba.simulation.execution.recording import Recording
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.tracing.kernel.path_groups import MECHANISMS
+from sarmitsuba.tracing.kernel.state import COHERENT, RECIPROCAL
 from tests.support.scenes import shipped
 
 # float32 grids of parts and of the whole, in other orders of summation

@@ -7,25 +7,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.arrays import C64
 from sarmitsuba.cli import main
+from sarmitsuba.core.arrays import C64
 from sarmitsuba.effects.effect import Decision
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import DEFAULT_DEPTH, EffectsPlan
-from sarmitsuba.loader.library import resolve
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.loading.library import resolve
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.prediction.both_ways import (
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.planning.prediction.both_ways import (
     CONFIDENCE,
     measured_both_ways,
     ratio_margin,
     share_of,
     switched,
 )
-from sarmitsuba.simulation.prediction.explanation import Explanation, explain
-from sarmitsuba.simulation.prediction.prediction import predict
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.planning.prediction.explanation import Explanation, explain
+from sarmitsuba.simulation.planning.prediction.prediction import predict
 from tests.support.unweighted import focus
 
 
@@ -157,7 +157,7 @@ def _true_db(scene: Scene, run: Run, decision: Decision, interval: int) -> float
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 def test_stated_changes_are_those_of_whole_images() -> None:
     """An effect switched the other way changes the image by what explain states; a bound from a few blocks is above."""
     for name, parameters, checked in (

@@ -6,17 +6,17 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from sarmitsuba.core.errors import RadarError, SarmitsubaError, SarmitsubaWarning, SceneError
 from sarmitsuba.effects.context import PilotResult, SamplingFacts, SceneContext
 from sarmitsuba.effects.effect import effects
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan, plan_effects
-from sarmitsuba.errors import RadarError, SarmitsubaError, SarmitsubaWarning, SceneError
-from sarmitsuba.loader.library import resolve
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.loader.tables import INTEGRATOR
-from sarmitsuba.materials.material import Material
+from sarmitsuba.loading.library import resolve
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.loading.tables import INTEGRATOR
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.track import Track
+from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 
 

@@ -10,8 +10,8 @@ import pytest
 import sarmitsuba
 from sarmitsuba.analysis.quality.account import Account, StageTime, account
 from sarmitsuba.analysis.quality.error_budget import BOUND, LAW, MEASURED, UNKNOWN, error_budget
-from sarmitsuba.echo.gridding import gridding_kernel
-from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.raw.gridding import gridding_kernel
 from tests.support.unweighted import focus
 
 PILOT = {"patches": 1280, "energy_from_order_upper_db": [0.0, -12.5, -41.5, None]}

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.backend import dr, ensure_backend
-from sarmitsuba.exclusive import backend_lock, take_threads, threads
+from sarmitsuba.machine.backend import dr, ensure_backend
+from sarmitsuba.machine.exclusive import backend_lock, take_threads, threads
 from tests.support import forked
 
 

@@ -12,23 +12,23 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
-from sarmitsuba.backend import arrays, device_numbers, dr
+from sarmitsuba.core.errors import DataError, RadarError, SarmitsubaWarning, SceneError
+from sarmitsuba.core.registry import Registry
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.effect import EFFECTS
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.errors import DataError, RadarError, SarmitsubaWarning, SceneError
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focusing.windows import parse_window
-from sarmitsuba.io import write_image
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.loader.tables import INTEGRATOR, RADAR_MATERIAL, SENSOR
-from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.files import write_image
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.loading.tables import INTEGRATOR, RADAR_MATERIAL, SENSOR
+from sarmitsuba.machine.backend import arrays, device_numbers, dr
 from sarmitsuba.radar.image_request import ImageRequest
-from sarmitsuba.registry import Registry
-from sarmitsuba.simulation.path_table import trace_paths
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
-from sarmitsuba.trace.stage import STAGES
-from sarmitsuba.units import db_from_power
+from sarmitsuba.scene.materials.diffuse import diffuse_tables
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.focusing.windows import parse_window
+from sarmitsuba.simulation.execution.path_table import trace_paths
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
+from sarmitsuba.tracing.kernel.stage import STAGES
 from tests.support.unweighted import focus, render
 
 PAGE = Path(__file__).parents[2] / "docs" / "extending.md"

@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 
 from sarmitsuba import PointTarget, RadarDescription, Scene, SceneMesh, build_scene, simulate
-from sarmitsuba.backend import dr, mi
+from sarmitsuba.core.errors import ExtensionError, RadarError, SarmitsubaWarning, SceneError
+from sarmitsuba.core.registry import load_extension
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
-from sarmitsuba.errors import ExtensionError, RadarError, SarmitsubaWarning, SceneError
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.registry import load_extension
 from sarmitsuba.scene.scatterers import SCATTERERS, ScattererTarget
-from sarmitsuba.simulation.path_table import trace_paths
-from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.prediction.explanation import explain
-from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
-from sarmitsuba.trace.reflectors import LocalWaves, Reflector
-from sarmitsuba.trace.stage import STAGES, Stage
+from sarmitsuba.simulation.execution.path_table import trace_paths
+from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
+from sarmitsuba.simulation.planning.pilot import plan_scene
+from sarmitsuba.simulation.planning.prediction.explanation import explain
+from sarmitsuba.tracing.kernel.stage import STAGES, Stage
+from sarmitsuba.tracing.scatterers.reflectors.reflector import LocalWaves, Reflector
 from tests.support.unweighted import render
 
 PLATE = np.array([[-8.0, -8.0, 0.0], [8.0, -8.0, 0.0], [8.0, 8.0, 0.0], [-8.0, 8.0, 0.0]])
@@ -33,7 +33,7 @@ RADAR = RadarDescription(
 )
 FILM = FilmDescription(image_extent_azimuth=16.0, image_extent_range=20.0)
 
-pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 
 
 class Faulty(Effect):

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from sarmitsuba.effects.context import PilotResult, SamplingFacts, SceneContext
 from sarmitsuba.effects.facet_bound import facet_bound, flash_bound
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.loader.library import resolve
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.materials.material import Material
+from sarmitsuba.loading.library import resolve
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 
 F64 = NDArray[np.float64]

@@ -5,27 +5,27 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.factorised.division import Plan
-from sarmitsuba.focusing.factorised.sampling import (
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.radar.antenna import Antenna
+from sarmitsuba.radar.image_request import ImageRequest
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.track import Track
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.focusing.factorised.division import Plan
+from sarmitsuba.signal.focusing.factorised.sampling import (
     ROW_BAND,
     SubimageSampling,
     refinement_error,
     refinement_weights,
     row_polynomials,
 )
-from sarmitsuba.focusing.focuser import parse_focuser
-from sarmitsuba.focusing.focusers.backprojection import backproject_numpy
-from sarmitsuba.focusing.focusers.factorised import Factorised
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.radar.antenna import Antenna
-from sarmitsuba.radar.image_request import ImageRequest
-from sarmitsuba.radar.radar import Radar
-from sarmitsuba.radar.track import Track
+from sarmitsuba.signal.focusing.focuser import parse_focuser
+from sarmitsuba.signal.focusing.focusers.backprojection import backproject_numpy
+from sarmitsuba.signal.focusing.focusers.factorised import Factorised
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from tests.support.unweighted import focus
 
 EXACT = "backprojection,interpolation=kernel:8,oversampling=4"

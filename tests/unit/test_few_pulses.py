@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.gradients import fit as fits
-from sarmitsuba.gradients.forward_model import ForwardModel
-from sarmitsuba.gradients.parsing import parse
-from sarmitsuba.gradients.shape_offsets import moving_parts, offset
+from sarmitsuba.apps.fit import fit as fits
+from sarmitsuba.apps.fit.forward_model import ForwardModel
+from sarmitsuba.apps.fit.parsing import parse
+from sarmitsuba.apps.fit.shape_offsets import moving_parts, offset
 from tests.unit.test_gradients import plate
 
 

@@ -5,12 +5,12 @@ import pytest
 import scipy
 import trimesh
 
-from sarmitsuba.mesh.boundary_edges import facets
-from sarmitsuba.mesh.double_faces import double_faces
-from sarmitsuba.mesh.edge_pairs import edge_pairs
-from sarmitsuba.mesh.flattening import LARGEST_DISTANCE, flattened
-from sarmitsuba.mesh.sharp_edges import sharp_edges
-from sarmitsuba.mesh.welding import copies_apart, weld
+from sarmitsuba.scene.mesh.boundary_edges import facets
+from sarmitsuba.scene.mesh.double_faces import double_faces
+from sarmitsuba.scene.mesh.edge_pairs import edge_pairs
+from sarmitsuba.scene.mesh.flattening import LARGEST_DISTANCE, flattened
+from sarmitsuba.scene.mesh.sharp_edges import sharp_edges
+from sarmitsuba.scene.mesh.welding import copies_apart, weld
 
 WAVELENGTH = 0.03
 

@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.constants import SUBSET_SHARES
-from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import FOCUSERS, Focused, Focuser, FocusTask, default_grid
-from sarmitsuba.focusing.data_error import data_error_db
-from sarmitsuba.focusing.focuser import Auto, parse_focuser
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.core.constants import SUBSET_SHARES
+from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
+from sarmitsuba.signal.focusing import FOCUSERS, Focused, Focuser, FocusTask, default_grid
+from sarmitsuba.signal.focusing.data_error import data_error_db
+from sarmitsuba.signal.focusing.focuser import Auto, parse_focuser
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from tests.support.unweighted import compare_focusers, focus
 
 REQUEST = ImageRequest(extent_azimuth=30.0, extent_range=30.0)

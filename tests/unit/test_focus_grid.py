@@ -6,16 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture_weights import ground_cell_area, matched_weights
-from sarmitsuba.focusing.grid import default_grid, natural_spacing
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.loader.build import build_scene
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.signal.focusing.aperture_weights import ground_cell_area, matched_weights
+from sarmitsuba.signal.focusing.grid import default_grid, natural_spacing
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from tests.support.unweighted import focus
 
 

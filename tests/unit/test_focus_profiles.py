@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focusing.profiles import band_weights, parse_interpolation, plan_profiles
-from sarmitsuba.focusing.windows import parse_window
+from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.focusing.profiles import band_weights, parse_interpolation, plan_profiles
+from sarmitsuba.signal.focusing.windows import parse_window
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.2, 2.0])

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.focuser import check_focuser, parse_focuser
-from sarmitsuba.loader.build import build_scene
-from sarmitsuba.loader.library import resolve_radar
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.loading.build import build_scene
+from sarmitsuba.loading.library import resolve_radar
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.focusing.focuser import check_focuser, parse_focuser
 from tests.support.unweighted import focus
 
 # without a beam of their own, straight and quick; the others are those of published figures
@@ -155,7 +155,7 @@ def test_images_that_cannot_be_are_one_line(changes: dict[str, object], text: st
 
 def test_the_command_line_changes_the_image_too(tmp_path: Path) -> None:
     from sarmitsuba.cli import main
-    from sarmitsuba.io import read_image, write_raw
+    from sarmitsuba.files import read_image, write_raw
 
     _, raw = echoes_of("airborne_x")
     write_raw(raw, tmp_path / "raw.h5")
@@ -174,7 +174,7 @@ def test_help_lists_the_windows_with_their_parameters(
     command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from sarmitsuba.cli import main
-    from sarmitsuba.focusing import WINDOWS
+    from sarmitsuba.signal.focusing import WINDOWS
 
     with pytest.raises(SystemExit):
         main([command, "--help"])

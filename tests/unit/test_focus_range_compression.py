@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.chirp import to_chirped
-from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focusing.range_compression import compression_filter, range_compress
-from sarmitsuba.image.metrics import image_error_db
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.focusing.range_compression import compression_filter, range_compress
+from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.raw.chirp import to_chirped
+from sarmitsuba.signal.raw.raw_data import RawData
 
 
 def echoes(pulse_width: float, positions: list[list[float]]) -> RawData:

@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.backend import arrays, dr
-from sarmitsuba.errors import BackendError, DataError, ExtensionError
-from sarmitsuba.focusing import (
+from sarmitsuba.core.errors import BackendError, DataError, ExtensionError
+from sarmitsuba.machine.backend import arrays, dr
+from sarmitsuba.radar.image_request import ImageRequest
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.signal.focusing import (
     FOCUSERS,
     WINDOWS,
     Focused,
@@ -24,15 +26,13 @@ from sarmitsuba.focusing import (
     WindowParameter,
     default_grid,
 )
-from sarmitsuba.focusing.aperture_weights import matched_weights
-from sarmitsuba.focusing.autofocus import parse_autofocus
-from sarmitsuba.focusing.focuser import option, parse_focuser
-from sarmitsuba.focusing.focusers.backprojection import Backprojection, backproject
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focusing.windows import parse_window
-from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.radar.image_request import ImageRequest
-from sarmitsuba.radar.radar import Radar
+from sarmitsuba.signal.focusing.aperture_weights import matched_weights
+from sarmitsuba.signal.focusing.autofocus import parse_autofocus
+from sarmitsuba.signal.focusing.focuser import option, parse_focuser
+from sarmitsuba.signal.focusing.focusers.backprojection import Backprojection, backproject
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.focusing.windows import parse_window
+from sarmitsuba.signal.image.sar_image import ImageGrid
 from tests.support.unweighted import focus
 
 REQUEST = ImageRequest(extent_azimuth=12.0, extent_range=12.0)
@@ -174,15 +174,15 @@ def test_focusing_needs_no_mitsuba() -> None:
     code = """
 import sys
 import numpy as np
-from sarmitsuba.focusing import FOCUSERS, default_grid, focus
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.focusing import FOCUSERS, default_grid, focus
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.radar.image_request import ImageRequest
 assert not {"mitsuba", "drjit"} & set(sys.modules)
 raw = ideal_echoes(ideal_radar(n_samples=128, resolution=4.0), np.zeros(3))
 for focuser in FOCUSERS:
     image = focus(raw, request=ImageRequest(extent_azimuth=12.0, extent_range=12.0), focuser=focuser)
     assert abs(image.rcs().max() - 1.0) < 0.01, image.rcs().max()
-print("mitsuba" in sys.modules, any(name.startswith("sarmitsuba.trace") for name in sys.modules))
+print("mitsuba" in sys.modules, any(name.startswith("sarmitsuba.tracing.kernel") for name in sys.modules))
 """
     run = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, cwd=Path(sarmitsuba.__file__).parents[1]

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.windows import Window, parse_window
-from sarmitsuba.image.metrics import cut_metrics
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.signal.focusing.windows import Window, parse_window
+from sarmitsuba.signal.image.metrics import cut_metrics
 
 # name: -3 dB width in cells, highest sidelobe in dB, noise-equivalent width in dB
 KNOWN = {

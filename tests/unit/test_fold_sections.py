@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from sarmitsuba import theory
-from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.fold_sections import (
     MeasuredFold,
     find_folds,
@@ -15,8 +14,9 @@ from sarmitsuba.effects.fold_sections import (
 )
 from sarmitsuba.effects.omitted_waves import metal_lines
 from sarmitsuba.effects.theory_error import beside_folds
-from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.validation import targets
+from sarmitsuba.simulation.execution.rcs import monostatic_rcs
+from sarmitsuba.truth import theory
+from sarmitsuba.truth.validation import targets
 
 
 def ends_of(angle: float, width: np.ndarray) -> list[np.ndarray]:

@@ -5,15 +5,15 @@ from dataclasses import replace
 import pytest
 
 from sarmitsuba.commands.results import Formats, least_bytes, with_files
-from sarmitsuba.echo.chirp import n_fast_chirped, to_chirped
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.prediction.prediction import Prediction, predict
-from sarmitsuba.simulation.prediction.speed import Machine
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.sources.kind import expected_sources
-from sarmitsuba.simulation.sources.site import RunSite
+from sarmitsuba.signal.raw.chirp import n_fast_chirped, to_chirped
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.planning.prediction.prediction import Prediction, predict
+from sarmitsuba.simulation.planning.prediction.speed import Machine
+from sarmitsuba.simulation.planning.sources.kind import expected_sources
+from sarmitsuba.simulation.planning.sources.site import RunSite
 
 # stages that are over when the forecast is said
 BEFORE = {"build", "plan"}

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.labelling.fragments import Fragments, fragments
+from sarmitsuba.analysis.labels.fragments import Fragments, fragments
+from sarmitsuba.core.arrays import F64
 
 SHAPE = (47, 61)
 ANTENNA = np.array([0.0, 0.0, 100.0])

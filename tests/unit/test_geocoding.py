@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.raw_data import Layer
-from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.io import write_image
-from sarmitsuba.io.geocoding import map_zone, outlines
+from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.files import write_image
+from sarmitsuba.files.geocoding import map_zone, outlines
 from sarmitsuba.radar.geodesy import Anchor
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.raw.raw_data import Layer
 from tests.support.draws import few_of
 from tests.support.geometries import singular_place
 

@@ -8,12 +8,12 @@ import OpenEXR
 import pytest
 
 from sarmitsuba import read_image, read_raw, write_image, write_raw
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.loader.build import build_scene
+from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.geodesy import Anchor, ecef_of_geodetic, geodetic_of_ecef
 from sarmitsuba.scene.geometry import PointTarget
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.simulation.execution.render import simulate
 from tests.support.unweighted import focus
 
 

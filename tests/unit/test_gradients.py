@@ -23,14 +23,14 @@ from sarmitsuba import (
     jacobian,
     simulate,
 )
-from sarmitsuba.backend import dr
-from sarmitsuba.errors import RadarError, SceneError
-from sarmitsuba.gradients.forward_model import ForwardModel
-from sarmitsuba.gradients.material_parameters import LevelMap
-from sarmitsuba.gradients.needed import Needed
-from sarmitsuba.gradients.parameter import Parameter, Step
-from sarmitsuba.gradients.parsing import offered, parse
-from sarmitsuba.gradients.shape_offsets import MovingPart
+from sarmitsuba.apps.fit.forward_model import ForwardModel
+from sarmitsuba.apps.fit.material_parameters import LevelMap
+from sarmitsuba.apps.fit.needed import Needed
+from sarmitsuba.apps.fit.parameter import Parameter, Step
+from sarmitsuba.apps.fit.parsing import offered, parse
+from sarmitsuba.apps.fit.shape_offsets import MovingPart
+from sarmitsuba.core.errors import RadarError, SceneError
+from sarmitsuba.machine.backend import dr
 from sarmitsuba.radar.in_pulse import moving_in_pulse
 from tests.support.differences import drawn, relative
 from tests.support.draws import few_of

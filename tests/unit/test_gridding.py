@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from sarmitsuba.echo.gridding import GriddingKernel, fine_grid, gridding_kernel, to_window
-from sarmitsuba.echo.phasor import phase_ramp, unit_phasor
-from sarmitsuba.errors import RadarError
+from sarmitsuba.core.errors import RadarError
+from sarmitsuba.signal.raw.gridding import GriddingKernel, fine_grid, gridding_kernel, to_window
+from sarmitsuba.signal.raw.phasor import phase_ramp, unit_phasor
 
 WIDTHS = range(1, 9)
 

@@ -9,11 +9,11 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba import Prior
-from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.errors import DataError, SceneError
-from sarmitsuba.gradients.least_squares import known_priors
-from sarmitsuba.gradients.losses import checked
-from sarmitsuba.gradients.parsing import parse
+from sarmitsuba.apps.fit.least_squares import known_priors
+from sarmitsuba.apps.fit.losses import checked
+from sarmitsuba.apps.fit.parsing import parse
+from sarmitsuba.core.errors import DataError, SceneError
+from sarmitsuba.signal.raw.raw_data import RawData
 from tests.unit.test_gradients import plate
 
 
@@ -27,7 +27,7 @@ def test_an_axis_is_one_letter(word: str) -> None:
 def test_numbers_of_values() -> None:
     data = np.zeros((1, 4, 3), dtype=np.complex64)
     raw: Any = None  # not looked at
-    found = sarmitsuba.gradients.jacobian.Jacobian(
+    found = sarmitsuba.apps.fit.jacobian.Jacobian(
         ("gain [dB]", "level:soil [dB]"), np.zeros(2), data[None], raw
     )
     assert found.number(np.int64(1)) == 1 and found.number(-1) == -1

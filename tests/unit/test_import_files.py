@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 
 from sarmitsuba import load_scene
-from sarmitsuba.errors import OutputError
-from sarmitsuba.importing.convert import import_scene
-from sarmitsuba.io.output import MANIFEST
-from sarmitsuba.loader import mesh_files
-from sarmitsuba.mesh.ply import read_ply, write_ply
-from sarmitsuba.mesh.tessellate import cube
-from sarmitsuba.unfinished import remove_unfinished
+from sarmitsuba.core.errors import OutputError
+from sarmitsuba.loading import mesh_files
+from sarmitsuba.loading.importing.convert import import_scene
+from sarmitsuba.machine.output import MANIFEST
+from sarmitsuba.machine.unfinished import remove_unfinished
+from sarmitsuba.scene.mesh.ply import read_ply, write_ply
+from sarmitsuba.scene.mesh.tessellate import cube
 
 
 def meshes(folder: Path, sizes: dict[str, float]) -> Path:
@@ -68,7 +68,7 @@ def test_a_folder_of_others_is_refused_before_the_source_is_read(
 ) -> None:
     make(tmp_path / "city_meshes")
     before = contents(tmp_path)
-    monkeypatch.setattr("sarmitsuba.importing.convert.find_source", None)
+    monkeypatch.setattr("sarmitsuba.loading.importing.convert.find_source", None)
     with pytest.raises(OutputError, match=r"city_meshes: the meshes go here, but "):
         import_scene(tmp_path / "src", tmp_path / "city.xml", force=force)
     assert contents(tmp_path) == before

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import OutputError, SarmitsubaError, SceneError
-from sarmitsuba.importing.city_model import Model
-from sarmitsuba.importing.convert import import_scene
-from sarmitsuba.importing.facades import FacadeOptions
-from sarmitsuba.importing.import_options import ImportOptions
-from sarmitsuba.importing.triangulated import network
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.mesh.ply import write_ply
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import OutputError, SarmitsubaError, SceneError
+from sarmitsuba.loading.importing.city_model import Model
+from sarmitsuba.loading.importing.convert import import_scene
+from sarmitsuba.loading.importing.facades import FacadeOptions
+from sarmitsuba.loading.importing.import_options import ImportOptions
+from sarmitsuba.loading.importing.triangulated import network
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.radar.geodesy import Anchor
+from sarmitsuba.scene.mesh.ply import write_ply
 from tests.support.unweighted import render
 
 shapely = pytest.importorskip("shapely", minversion="2.1", reason="in the importing extra")
@@ -460,7 +460,7 @@ def test_citygml(tmp_path: Path) -> None:
 
 def test_folder_of_meshes(tmp_path: Path) -> None:
     """Boxes in centimetres with y up, materials by file names and by choice; the scene loads with any radar."""
-    from sarmitsuba.mesh.tessellate import cube
+    from sarmitsuba.scene.mesh.tessellate import cube
 
     folder = tmp_path / "city"
     folder.mkdir()

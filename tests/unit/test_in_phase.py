@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.simulation.in_phase import PatchReturns, azimuth_bin, in_phase_power
+from sarmitsuba.simulation.execution.in_phase import PatchReturns, azimuth_bin, in_phase_power
 
 LENGTH, BIN = 12.0, 1.5
 

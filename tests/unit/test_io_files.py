@@ -18,19 +18,20 @@ import pytest
 from matplotlib.image import imread
 
 import sarmitsuba
-from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.errors import DataError, OutputError
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.io import parameter_file, read_image, read_raw, write_image, write_raw
-from sarmitsuba.io.atomic import atomic_path
-from sarmitsuba.io.encoding import to_json
-from sarmitsuba.io.formats import FORMATS, FileFormat, find_format
+from sarmitsuba.core.errors import DataError, OutputError
+from sarmitsuba.files import read_image, read_raw, write_image, write_raw
+from sarmitsuba.files.formats import FORMATS, FileFormat, find_format
+from sarmitsuba.machine import parameter_file
+from sarmitsuba.machine.atomic import atomic_path
+from sarmitsuba.machine.encoding import to_json
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from sarmitsuba.view.quicklook import quicklook, save
 from tests.support.scenes import shipped
 
@@ -341,8 +342,9 @@ def test_disk_that_refuses_to_grow_leaves_nothing(tmp_path: Path) -> None:
         sys.path.insert(0, {str(Path(__file__).parent)!r})
         from pathlib import Path
         from test_io_files import make_raw, make_image
-        from sarmitsuba.errors import OutputError
-        from sarmitsuba.io import parameter_file, write_image, write_raw
+        from sarmitsuba.core.errors import OutputError
+        from sarmitsuba.files import write_image, write_raw
+        from sarmitsuba.machine import parameter_file
         folder = Path({str(tmp_path)!r})
         raw, image = make_raw(400, 400), make_image(400, 400)
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -579,7 +581,7 @@ def test_the_page_lists_the_header_of_exr(tmp_path: Path) -> None:
 
 @pytest.mark.filterwarnings("error")
 def test_a_file_that_cannot_be_opened_is_closed_without_a_word(tmp_path: Path) -> None:
-    from sarmitsuba.io.guarded import GuardedFile
+    from sarmitsuba.machine.guarded import GuardedFile
 
     with pytest.raises(OSError):
         GuardedFile(tmp_path / "no folder" / "file.h5")

@@ -6,12 +6,12 @@ import scipy
 import trimesh
 
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.loader.build import SceneMesh, build_scene
-from sarmitsuba.mesh.sharp_edges import SharpEdges, sharp_edges
+from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
-from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
-from sarmitsuba.validation import targets
-from sarmitsuba.validation.measured import bodies
+from sarmitsuba.scene.mesh.sharp_edges import SharpEdges, sharp_edges
+from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
+from sarmitsuba.truth.validation import targets
+from sarmitsuba.truth.validation.measured import bodies
 
 
 def edges_of_metal(triangles: np.ndarray, widest: float = np.inf) -> SharpEdges:

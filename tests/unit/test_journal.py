@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.errors import OutputError
-from sarmitsuba.io.journal import MAGIC, Journal, fits, is_echo
-from sarmitsuba.io.locking import sole_writer
+from sarmitsuba.core.errors import OutputError
+from sarmitsuba.machine.journal import MAGIC, Journal, fits, is_echo
+from sarmitsuba.machine.locking import sole_writer
 
 
 def anything(label: object, payload: bytes) -> bool:

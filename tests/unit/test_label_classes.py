@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.datasets.draw import Drawer
-from sarmitsuba.datasets.recipe import read_recipe
-from sarmitsuba.datasets.sample import make_sample
-from sarmitsuba.datasets.sample_labels import _recoded
-from sarmitsuba.errors import DataError
-from sarmitsuba.image.labels import LabelLayer
-from sarmitsuba.labelling.classes import check_used, classes_of_shapes, read_classes
-from sarmitsuba.labelling.echo_labels import NO_CLASS
+from sarmitsuba.analysis.labels.classes import check_used, classes_of_shapes, read_classes
+from sarmitsuba.analysis.labels.echo_labels import NO_CLASS
+from sarmitsuba.apps.datasets.draw import Drawer
+from sarmitsuba.apps.datasets.recipe import read_recipe
+from sarmitsuba.apps.datasets.sample import make_sample
+from sarmitsuba.apps.datasets.sample_labels import _recoded
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.signal.image.labels import LabelLayer
 
 NAMES = ("building_1", "building_2", "bridge", "road")
 

@@ -9,10 +9,10 @@ import pytest
 from PIL import Image
 
 from sarmitsuba import Labels
-from sarmitsuba.errors import DataError
-from sarmitsuba.image.labels import LabelLayer, LabelledInstance
-from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.io.coco import coco_document, run_lengths
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.files.coco import coco_document, run_lengths
+from sarmitsuba.signal.image.labels import LabelLayer, LabelledInstance
+from sarmitsuba.signal.image.sar_image import ImageGrid
 from sarmitsuba.view.labels_picture import write_mask
 
 
@@ -169,7 +169,7 @@ def test_masks_are_pixels(tmp_path: Path) -> None:
 
 def test_a_map_holds_the_codes_of_the_nearest_pixels(tmp_path: Path) -> None:
     rasterio = pytest.importorskip("rasterio")
-    from sarmitsuba.io.catalog.geotiff import write_layer
+    from sarmitsuba.files.catalog.geotiff import write_layer
 
     labels = made(40, 60)
     write_layer(tmp_path / "mask.tif", labels, "mask")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.errors import DataError
-from sarmitsuba.io.coco import coco_document
-from sarmitsuba.labelling import makers
-from sarmitsuba.labelling.makers import LAYERS, MAKERS
+from sarmitsuba.analysis.labels import makers
+from sarmitsuba.analysis.labels.makers import LAYERS, MAKERS
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.files.coco import coco_document
 from sarmitsuba.scene.scene import Scene
 from tests.support.scenes import shipped
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.trace.launch import LEAST_ANGLE, lattice
+from sarmitsuba.tracing.kernel.launch import LEAST_ANGLE, lattice
 
 
 def _nearest(turn: float, edges: np.ndarray) -> float:

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.echo.block import _even
-from sarmitsuba.mesh import tessellate
-from sarmitsuba.simulation.sampling.small_lattice import Lattice, ManyNodesError, nodes_over
-from sarmitsuba.trace.launch import frame_towards, project
-from sarmitsuba.trace.speckle import TURN_COS, TURN_SIN, ScattererLattice
-from sarmitsuba.trace.tubes.tube import TubeExtent, patch
+from sarmitsuba.machine.backend import dr, ensure_backend, mi
+from sarmitsuba.scene.mesh import tessellate
+from sarmitsuba.signal.raw.block import _even
+from sarmitsuba.simulation.planning.sampling.small_lattice import Lattice, ManyNodesError, nodes_over
+from sarmitsuba.tracing.kernel.launch import frame_towards, project
+from sarmitsuba.tracing.kernel.speckle import TURN_COS, TURN_SIN, ScattererLattice
+from sarmitsuba.tracing.kernel.tubes.tube import TubeExtent, patch
 
 
 def test_every_node_of_a_patch_is_visited_once() -> None:

@@ -9,16 +9,16 @@ import pytest
 from scipy.signal.windows import taylor as taylor_window
 
 import sarmitsuba
-from sarmitsuba import theory
+from sarmitsuba.analysis.link import LinkBudget, link_budget
+from sarmitsuba.analysis.link.prf_bounds import free_bands, overlap_share
 from sarmitsuba.cli import main
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import DataError, RadarError
-from sarmitsuba.link import LinkBudget, link_budget
-from sarmitsuba.link.prf_bounds import free_bands, overlap_share
-from sarmitsuba.loader.build import build_scene
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import DataError, RadarError
+from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.truth import theory
 
 PLAIN = RadarDescription(
     mode="spotlight",
@@ -171,7 +171,9 @@ def test_pulses_meet_echoes_where_a_pulse_train_says_so() -> None:
         ),
     ],
 )
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # of the loader, about the same
+@pytest.mark.filterwarnings(
+    "ignore::sarmitsuba.core.errors.SarmitsubaWarning"
+)  # of the loader, about the same
 def test_what_cannot_be_is_said(
     radar: RadarDescription, film: dict[str, float], name: str, text: str
 ) -> None:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from sarmitsuba.errors import SceneError
-from sarmitsuba.mesh.cleaning import clean_mesh, clean_meshes
-from sarmitsuba.mesh.ply import read_ply, write_ply
-from sarmitsuba.mesh.smooth_groups import smooth_groups
-from sarmitsuba.mesh.tessellate import cube, cylinder, sphere
+from sarmitsuba.core.errors import SceneError
+from sarmitsuba.scene.mesh.cleaning import clean_mesh, clean_meshes
+from sarmitsuba.scene.mesh.ply import read_ply, write_ply
+from sarmitsuba.scene.mesh.smooth_groups import smooth_groups
+from sarmitsuba.scene.mesh.tessellate import cube, cylinder, sphere
 
 FLOATS = {"float": "<f4", "float32": "<f4", "double": "<f8"}
 

@@ -5,9 +5,9 @@ import pytest
 import trimesh
 from scipy.integrate import quad
 
-from sarmitsuba.errors import DataError
-from sarmitsuba.validation.measured import bodies
-from sarmitsuba.validation.measured.azimuth_tables import FOLDER, azimuth_table
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.truth.validation.measured import bodies
+from sarmitsuba.truth.validation.measured.azimuth_tables import FOLDER, azimuth_table
 
 
 def solid(mesh: bodies.Mesh) -> trimesh.Trimesh:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from sarmitsuba import memory
-from sarmitsuba.errors import ResourceError
+from sarmitsuba.core.errors import ResourceError
+from sarmitsuba.machine import memory
 
 
 def test_what_does_not_fit_is_refused_with_figure_and_remedy(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sarmitsuba.backend import mi
-from sarmitsuba.errors import DataError, SceneError
-from sarmitsuba.loader import maps
-from sarmitsuba.loader.mesh_files import obj_materials, read_mesh, read_parts, read_shape
-from sarmitsuba.mesh.obj import read_obj
-from sarmitsuba.mesh.serialized import read_serialized
+from sarmitsuba.core.errors import DataError, SceneError
+from sarmitsuba.loading import maps
+from sarmitsuba.loading.mesh_files import obj_materials, read_mesh, read_parts, read_shape
+from sarmitsuba.machine.backend import mi
+from sarmitsuba.scene.mesh.obj import read_obj
+from sarmitsuba.scene.mesh.serialized import read_serialized
 
 
 def serialized(version: int, flags: int, rng: np.random.Generator) -> tuple[bytes, NDArray, NDArray]:
@@ -133,7 +133,7 @@ def test_channels_of_openexr_maps_count(tmp_path: Path) -> None:
 def test_planes_that_deflate_a_thousand_to_one_are_refused(tmp_path: Path) -> None:
     import h5py
 
-    from sarmitsuba.io.catalog import hdf5
+    from sarmitsuba.files.catalog import hdf5
 
     with h5py.File(tmp_path / "raw.h5", "w") as file:
         row = np.zeros(1 << 20, np.complex64)
@@ -151,8 +151,8 @@ def test_planes_that_deflate_a_thousand_to_one_are_refused(tmp_path: Path) -> No
 
 def test_materials_that_differ_in_name_alone_share_their_tables() -> None:
     """And errors name the material that is asked for."""
-    from sarmitsuba.materials.diffuse import diffuse_tables
-    from sarmitsuba.materials.material import Material
+    from sarmitsuba.scene.materials.diffuse import diffuse_tables
+    from sarmitsuba.scene.materials.material import Material
 
     a, b = (
         Material(

@@ -9,12 +9,12 @@ import trimesh
 
 from sarmitsuba import cli
 from sarmitsuba.commands.scene_arguments import material_choice
-from sarmitsuba.errors import RadarError, SarmitsubaWarning, SceneError
-from sarmitsuba.loader.from_mesh import MeshOptions
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.loader.names_of_materials import kind_of
-from sarmitsuba.materials.named_materials import MATERIALS
-from sarmitsuba.mesh.model_units import ShapeExtent, doubtful_size, y_ground
+from sarmitsuba.core.errors import RadarError, SarmitsubaWarning, SceneError
+from sarmitsuba.loading.from_mesh import MeshOptions
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.loading.names_of_materials import kind_of
+from sarmitsuba.scene.materials.named_materials import MATERIALS
+from sarmitsuba.scene.mesh.model_units import ShapeExtent, doubtful_size, y_ground
 from sarmitsuba.scene.scene import Scene
 
 RADAR = "airborne_x"
@@ -91,7 +91,7 @@ def test_the_unit_is_asked_for_where_it_cannot_be_metres(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("command", ["render", "import"])
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # the box has no material
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")  # the box has no material
 def test_a_house_in_centimetres_is_a_question_with_its_answer(
     tmp_path: Path, command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -208,7 +208,7 @@ def check_shapes(scene: Scene, truth: list[np.ndarray], scale: float = 1.0) -> N
     np.testing.assert_allclose(bounds(scene), want, atol=scale * 1e-3)
 
 
-@pytest.mark.filterwarnings("ignore:.*has no radar parameters:sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore:.*has no radar parameters:sarmitsuba.core.errors.SarmitsubaWarning")
 @pytest.mark.parametrize("seed", range(8))
 def test_scenes_with_y_up_are_turned_where_that_is_sure(tmp_path: Path, seed: int) -> None:
     for style in ("blender", "world"):
@@ -223,7 +223,7 @@ def test_scenes_with_y_up_are_turned_where_that_is_sure(tmp_path: Path, seed: in
         assert any("scene.xml: z up, unit m: " in note for note in scene.notes)
 
 
-@pytest.mark.filterwarnings("ignore:.*has no radar parameters:sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore:.*has no radar parameters:sarmitsuba.core.errors.SarmitsubaWarning")
 @pytest.mark.parametrize("seed", range(8, 12))
 def test_scenes_that_only_look_like_y_up_are_asked_about(tmp_path: Path, seed: int) -> None:
     path, truth = made_for_light(tmp_path, seed, "bare")
@@ -261,10 +261,10 @@ def test_broken_meshes_of_scenes_made_for_light_end_in_one_line(tmp_path: Path, 
     assert ("\n" not in str(caught.value) and "odd" in str(caught.value)) or "obj" in str(caught.value)
 
 
-@pytest.mark.filterwarnings("ignore:.*has no radar parameters:sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore:.*has no radar parameters:sarmitsuba.core.errors.SarmitsubaWarning")
 def test_a_loaded_scene_with_y_up_is_asked_about(tmp_path: Path) -> None:
-    from sarmitsuba.backend import mi
-    from sarmitsuba.loader.plugins import register_plugins
+    from sarmitsuba.loading.plugins import register_plugins
+    from sarmitsuba.machine.backend import mi
 
     register_plugins()
     path, _ = made_for_light(tmp_path, 1, "blender")

@@ -6,11 +6,11 @@ import sys
 import numpy as np
 import pytest
 
-from sarmitsuba.errors import SceneError
-from sarmitsuba.mesh.cleaning import clean_mesh, single_precision_step
-from sarmitsuba.mesh.connected import connected
-from sarmitsuba.mesh.smooth_groups import smooth_groups
-from sarmitsuba.mesh.tessellate import cube, cylinder, rectangle, sphere
+from sarmitsuba.core.errors import SceneError
+from sarmitsuba.scene.mesh.cleaning import clean_mesh, single_precision_step
+from sarmitsuba.scene.mesh.connected import connected
+from sarmitsuba.scene.mesh.smooth_groups import smooth_groups
+from sarmitsuba.scene.mesh.tessellate import cube, cylinder, rectangle, sphere
 
 
 def as_set(vertices, faces):

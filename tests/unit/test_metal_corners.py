@@ -3,9 +3,15 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.backend import ensure_backend, mi
-from sarmitsuba.mesh.metal_corners import ACROSS_CHAIN, FINEST_TUBE, MOST_RAYS, WIDEST_TUBE, corner_needs
-from sarmitsuba.trace.intersector import intersector, query_ray
+from sarmitsuba.machine.backend import ensure_backend, mi
+from sarmitsuba.scene.mesh.metal_corners import (
+    ACROSS_CHAIN,
+    FINEST_TUBE,
+    MOST_RAYS,
+    WIDEST_TUBE,
+    corner_needs,
+)
+from sarmitsuba.tracing.kernel.intersector import intersector, query_ray
 from tests.support.corners import plates
 
 WAVELENGTH = 0.03

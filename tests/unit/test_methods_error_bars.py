@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.constants import SUBSET_SHARES
-from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.errors import DataError
-from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.simulation.refinement.error_bars import (
+from sarmitsuba.core.constants import SUBSET_SHARES
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.simulation.execution.refinement.error_bars import (
     PASSES,
     PASSES_SCATTER_DB,
     PASSES_SHARED_DB,
@@ -18,7 +18,7 @@ from sarmitsuba.simulation.refinement.error_bars import (
     has_subsets,
     with_error_bars,
 )
-from sarmitsuba.simulation.refinement.running_mean import Passes
+from sarmitsuba.simulation.execution.refinement.running_mean import Passes
 
 
 def subsets(error: float, seed: int = 0) -> tuple[np.ndarray, tuple[Layer, ...], np.ndarray]:

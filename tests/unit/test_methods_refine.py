@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.raw_data import Layer
-from sarmitsuba.errors import DataError
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.fingerprint import fingerprint
-from sarmitsuba.simulation.raw import echoes
-from sarmitsuba.simulation.refinement.running_mean import Passes, PassLayout
-from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.sampling.piece import crop
+from sarmitsuba.signal.raw.raw_data import Layer
+from sarmitsuba.simulation.execution.fingerprint import fingerprint
+from sarmitsuba.simulation.execution.raw import echoes
+from sarmitsuba.simulation.execution.refinement.running_mean import Passes, PassLayout
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.planning.sampling.piece import crop
 from tests.support.unweighted import refine
 
 
@@ -42,7 +42,7 @@ def test_needs_a_target_or_a_limit(scene: Scene) -> None:
         refine(scene)
 
 
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 def test_interrupted_run_goes_on_and_ends_alike(scene: Scene, tmp_path: Path) -> None:
     state = tmp_path / "passes.npz"
     bounds: Any = {"target_error_db": -90.0, "time_limit": 600.0, "max_passes": 3}
@@ -74,7 +74,7 @@ def test_interrupted_run_goes_on_and_ends_alike(scene: Scene, tmp_path: Path) ->
     assert resumed.image.metadata["sampling_error"]["VV"]["error_db"] <= resumed.error_db + 0.1
 
 
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 def test_more_passes_are_better_and_a_met_target_ends_them(scene: Scene) -> None:
     one = refine(scene, time_limit=1e-3, clock=Ticks())
     assert one.passes == 1
@@ -83,7 +83,7 @@ def test_more_passes_are_better_and_a_met_target_ends_them(scene: Scene) -> None
     assert more.error_db <= one.error_db - 2.5
 
 
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 def test_a_run_at_other_spacings_is_the_run_made_so(scene: Scene) -> None:
     run = Run(scene)
     assert run.sampling is not None

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.errors import DataError
-from sarmitsuba.image.metrics import (
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.signal.image.metrics import (
     Chip,
     coherence,
     equivalent_number_of_looks,

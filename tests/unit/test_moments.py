@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sarmitsuba import theory
+from sarmitsuba.truth import theory
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -10,14 +10,14 @@ import pytest
 
 from sarmitsuba import PointTarget, RadarDescription, SceneMesh, build_scene, load_scene, simulate
 from sarmitsuba.analysis.quality.point_quality import scene_points
+from sarmitsuba.core.errors import SceneError
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.errors import SceneError
-from sarmitsuba.mesh.tessellate import cube
+from sarmitsuba.scene.mesh.tessellate import cube
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.fingerprint import fingerprint
-from sarmitsuba.simulation.sampling.launch_window import launch_windows
-from sarmitsuba.simulation.sampling.movers import azimuth_shift, fastest, swept
+from sarmitsuba.simulation.execution.fingerprint import fingerprint
+from sarmitsuba.simulation.planning.sampling.launch_window import launch_windows
+from sarmitsuba.simulation.planning.sampling.movers import azimuth_shift, fastest, swept
 from tests.support.unweighted import focus
 
 

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba import memory
-from sarmitsuba.errors import ResourceError
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.simulation.prediction.counting import lattice_rays
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.simulation.run import Run
+from sarmitsuba.core.errors import ResourceError
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.machine import memory
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.planning.prediction.counting import lattice_rays
 from tests.support.unweighted import focus, refine, render
 
 # a town of 36 m x 36 m in millimetres
@@ -40,7 +40,7 @@ MILLIMETRES = """<scene version="3.0.0">
 COMMAND = """
 import sys
 from sarmitsuba.cli import main
-from sarmitsuba.memory import peak_memory
+from sarmitsuba.machine.memory import peak_memory
 status = main(sys.argv[1:])
 print(status, peak_memory())
 """
@@ -129,7 +129,7 @@ POLES = """<scene version="3.0.0">
 </scene>"""
 
 
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # of one bounce
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")  # of one bounce
 @pytest.mark.parametrize("n", [1, pytest.param(40, marks=pytest.mark.slow)])
 def test_rays_over_small_parts_are_counted_too(tmp_path: Path, n: int) -> None:
     """Poles of 30 m x 8 cm, one and so many that they share the budget: also seconds of laying them out."""
@@ -178,10 +178,10 @@ def test_predicted_memory_is_what_a_run_takes(arguments: tuple[str, ...], tmp_pa
 # bytes that one call of focus adds, after one that has loaded and compiled what it needs
 FOCUSING = """
 import sys
-from sarmitsuba.focusing import default_grid, focus
-from sarmitsuba.focusing.focuser import parse_focuser
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.memory import held_memory, peak_memory
+from sarmitsuba.signal.focusing import default_grid, focus
+from sarmitsuba.signal.focusing.focuser import parse_focuser
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.machine.memory import held_memory, peak_memory
 
 def case(pixels, samples, pulses):
     radar = ideal_radar(resolution=0.7 * 390 / pulses, n_samples=samples, bandwidth=300e6)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.errors import RadarError
-from sarmitsuba.focusing.grid import default_grid
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.image.metrics import point_target_in
+from sarmitsuba.core.errors import RadarError
+from sarmitsuba.signal.focusing.grid import default_grid
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.image.metrics import point_target_in
+from sarmitsuba.signal.raw.raw_data import RawData
 from tests.support.unweighted import focus
 
 POINT = np.array([1.0, -2.0, 0.5])

@@ -6,14 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba import theory
-from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.errors import DataError, RadarError
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.aperture_weights import matched_weights
-from sarmitsuba.focusing.focusers.backprojection import backproject
-from sarmitsuba.image.metrics import point_target_in
-from sarmitsuba.loader.build import build_scene
+from sarmitsuba.core.errors import DataError, RadarError
+from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.ephemeris import StateVectors
 from sarmitsuba.radar.film import FilmDescription
@@ -21,7 +15,13 @@ from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.orbit import OrbitRequest, circular_orbit
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.focusing.aperture_weights import matched_weights
+from sarmitsuba.signal.focusing.focusers.backprojection import backproject
+from sarmitsuba.signal.image.metrics import point_target_in
+from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.truth import theory
 from tests.support.unweighted import focus
 
 EARTH = np.array([0.0, 0.0, 7.292115e-5])

@@ -10,9 +10,9 @@ from matplotlib.path import Path as Polygon
 
 import sarmitsuba
 from sarmitsuba import SceneMesh, build_scene
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.placement import ImagePlacement
-from sarmitsuba.image.shown_axes import ShownAxes
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.signal.focusing.placement import ImagePlacement
+from sarmitsuba.signal.image.shown_axes import ShownAxes
 from sarmitsuba.view.outlines import outlines
 from sarmitsuba.view.quicklook import quicklook
 from tests.support.scenes import POINT, small_scene
@@ -170,7 +170,7 @@ def test_the_command_draws_them_from_the_scene_of_the_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from sarmitsuba import cli
-    from sarmitsuba.page.run_folder import scene_of_run
+    from sarmitsuba.view.page.run_folder import scene_of_run
 
     file, out = tmp_path / "box.xml", tmp_path / "out"
     box = BOX.format(5, 4, 3, 20, 3, 0)
@@ -236,8 +236,8 @@ def test_houses_of_a_map_have_one_outline_each(tmp_path: Path) -> None:
     """Not their balconies, nor the pavement on which they stand."""
     import json
 
-    from sarmitsuba.importing.convert import import_scene
-    from sarmitsuba.importing.import_options import ImportOptions
+    from sarmitsuba.loading.importing.convert import import_scene
+    from sarmitsuba.loading.importing.import_options import ImportOptions
 
     boxes = [[[x, 0], [x + 12, 0], [x + 12, 15], [x, 15], [x, 0]] for x in (0, 40)]
     house = {"type": "Feature", "properties": {"building": "yes", "height": 18}}

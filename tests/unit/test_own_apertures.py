@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.focusing.aperture_weights import ground_cell_area, matched_weights
-from sarmitsuba.focusing.ideal import ideal_radar
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
+from sarmitsuba.signal.focusing.aperture_weights import ground_cell_area, matched_weights
+from sarmitsuba.signal.focusing.ideal import ideal_radar
 
 
 def drawn_strip(rng: np.random.Generator) -> Radar:

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sarmitsuba.errors import ExtensionError, RadarError, SceneError
-from sarmitsuba.loader.tables import INTEGRATOR, SENSOR, TABLES
-from sarmitsuba.parameters import Param, ParamTable, did_you_mean
+from sarmitsuba.core.errors import ExtensionError, RadarError, SceneError
+from sarmitsuba.core.parameters import Param, ParamTable, did_you_mean
+from sarmitsuba.loading.tables import INTEGRATOR, SENSOR, TABLES
 
 WHERE = 'scene.xml: sensor "radar"'
 

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.backend import arrays, device_numbers, dr
-from sarmitsuba.errors import RadarError
-from sarmitsuba.io import read_raw, write_raw
-from sarmitsuba.loader.build import SceneMesh, build_scene
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import RadarError
+from sarmitsuba.files import read_raw, write_raw
+from sarmitsuba.loading.build import SceneMesh, build_scene
+from sarmitsuba.machine.backend import arrays, device_numbers, dr
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
@@ -21,7 +21,7 @@ from sarmitsuba.radar.pattern_table import PatternTable
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.render import simulate
+from sarmitsuba.simulation.execution.render import simulate
 from tests.support.unweighted import focus
 
 WIDTHS = (2.0, 6.0)  # degrees
@@ -171,7 +171,7 @@ def scene(mode: str, beam: dict[str, object]) -> Scene:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings(
-    "ignore:focus:sarmitsuba.errors.SarmitsubaWarning"
+    "ignore:focus:sarmitsuba.core.errors.SarmitsubaWarning"
 )  # rows at the rim, wanted here
 @pytest.mark.parametrize(("mode", "shape"), [("stripmap", "gaussian"), ("spotlight", "rectangular")])
 def test_a_table_serves_wherever_a_pattern_does(mode: str, shape: str, tmp_path: Path) -> None:

@@ -11,9 +11,9 @@ import scipy.io
 
 from sarmitsuba import cli
 from sarmitsuba.analysis.quality import KnownPoint, image_quality
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.focusers.backprojection import backproject_numpy
-from sarmitsuba.io import read_raw
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.files import read_raw
+from sarmitsuba.signal.focusing.focusers.backprojection import backproject_numpy
 from tests.support.draws import few_of
 from tests.support.unweighted import focus
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from sarmitsuba.mesh.pieces import LEAST_SLANT, ROUND_RAYS, SLANTED, round_needs, slant_factor
-from sarmitsuba.mesh.welding import weld
+from sarmitsuba.scene.mesh.pieces import LEAST_SLANT, ROUND_RAYS, SLANTED, round_needs, slant_factor
+from sarmitsuba.scene.mesh.welding import weld
 
 
 def test_slanted_pieces_keep_their_rays() -> None:

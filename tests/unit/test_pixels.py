@@ -7,9 +7,9 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba import FilmDescription, ImageRequest, PointTarget, RadarDescription, build_scene, cli
-from sarmitsuba.errors import DataError, RadarError
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.simulation.sampling.piece import crop
+from sarmitsuba.core.errors import DataError, RadarError
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.simulation.planning.sampling.piece import crop
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.placement import ImagePlacement
-from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.loader.build import build_scene
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.motion import Motion
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.focusing.placement import ImagePlacement
+from sarmitsuba.signal.image.sar_image import ImageGrid
 
 
 def made(rng: np.random.Generator, **given: object) -> tuple[Radar, ImageGrid]:

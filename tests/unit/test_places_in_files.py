@@ -15,17 +15,17 @@ from matplotlib.figure import Figure
 
 from sarmitsuba.analysis.interferometry.interferogram import block_grid
 from sarmitsuba.analysis.polarimetry.multilook import averaged
-from sarmitsuba.arrays import F64
-from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.io import FORMATS, write_image, write_raw
-from sarmitsuba.io.geocoding import north_up
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.files import FORMATS, write_image, write_raw
+from sarmitsuba.files.geocoding import north_up
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.track import Track
-from sarmitsuba.simulation.refinement.error_bars import estimate_error
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.simulation.execution.refinement.error_bars import estimate_error
 from sarmitsuba.view import quicklook as pictures
 from sarmitsuba.view.display import PictureOptions, prepare
 from tests.support.geometries import singular_place
@@ -385,7 +385,7 @@ def test_maps_are_centred_whatever_their_pixels(seed: int) -> None:
 
 def test_phase_histories_of_others_focus_to_the_point(tmp_path: Path) -> None:
     """A MATLAB file as the Gotcha set is stored, written here from distances alone."""
-    from sarmitsuba.io import read_raw
+    from sarmitsuba.files import read_raw
 
     rng = np.random.default_rng(12)
     point = np.array([*rng.uniform(-3.0, 3.0, 2), 0.0])

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.errors import DataError, RadarError
-from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.loader.build import SceneMesh, build_scene
+from sarmitsuba.core.errors import DataError, RadarError
+from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.attitude import PointingError
 from sarmitsuba.radar.description import RadarDescription
@@ -18,6 +17,7 @@ from sarmitsuba.radar.pulse_intervals import PulseIntervals
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import Method, TraceSettings
+from sarmitsuba.signal.image.metrics import image_error_db
 from tests.support.unweighted import focus, render
 
 BEAM = {"pattern": "gaussian", "azimuth_beamwidth_deg": 2.0, "elevation_beamwidth_deg": 6.0}

@@ -6,15 +6,15 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.focuser import check_focuser, parse_focuser
-from sarmitsuba.focusing.focusers.backprojection import backproject_numpy
-from sarmitsuba.focusing.focusers.polar_format import LARGEST_PHASE, _WavenumberRaster
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.image.metrics import point_target_in
+from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.image_request import ImageRequest
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.focusing.focuser import check_focuser, parse_focuser
+from sarmitsuba.signal.focusing.focusers.backprojection import backproject_numpy
+from sarmitsuba.signal.focusing.focusers.polar_format import LARGEST_PHASE, _WavenumberRaster
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.image.metrics import point_target_in
 from tests.support.unweighted import focus
 
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba import theory
 from sarmitsuba.analysis.polarimetry import (
     QuadPol,
     automatic_looks,
@@ -25,11 +24,12 @@ from sarmitsuba.analysis.polarimetry import (
     span,
     stokes,
 )
-from sarmitsuba.arrays import C64, C128, F64
-from sarmitsuba.echo.raw_data import Layer
-from sarmitsuba.errors import DataError, RadarError
-from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.core.arrays import C64, C128, F64
+from sarmitsuba.core.errors import DataError, RadarError
 from sarmitsuba.radar.polarisation import read_channels
+from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.raw.raw_data import Layer
+from sarmitsuba.truth import theory
 from sarmitsuba.view.polarimetric_maps import feasible_bounds
 
 polar = theory.polarimetry

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.trace.tubes import polygon
-from sarmitsuba.trace.tubes.tube import limited, patch, unlimited
+from sarmitsuba.machine.backend import dr, ensure_backend, mi
+from sarmitsuba.tracing.kernel.tubes import polygon
+from sarmitsuba.tracing.kernel.tubes.tube import limited, patch, unlimited
 
 SPACING = 0.25  # m
 

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from sarmitsuba.progress import Journey
+from sarmitsuba.core.progress import Journey
 
 
 def test_one_share_for_all_stages() -> None:

@@ -14,16 +14,16 @@ from sarmitsuba import cli
 from sarmitsuba.analysis.quality import Area, KnownPoint, image_quality, spectral_looks
 from sarmitsuba.analysis.quality.areas import contrast, entropy
 from sarmitsuba.analysis.quality.widths import window_irw
-from sarmitsuba.echo.noise import add_noise
-from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.aperture_weights import incidence_angle
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.image.metrics import point_target
-from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.signal.focusing import default_grid
+from sarmitsuba.signal.focusing.aperture_weights import incidence_angle
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.image.metrics import point_target
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.raw.noise import add_noise
+from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from tests.support.unweighted import focus
 
 SEEDS = [0, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 2))]
@@ -45,7 +45,7 @@ def random_radar(rng: np.random.Generator, **more: object) -> Radar:
 
 def windowed(window: str, n: int = 512, fine: int = 128) -> float:
     """Half-power width of a window's transform, summed directly, in cells."""
-    from sarmitsuba.focusing.windows import parse_window
+    from sarmitsuba.signal.focusing.windows import parse_window
 
     u = (np.arange(n) + 0.5) / n - 0.5
     x = np.arange(0, 3 * fine) / fine

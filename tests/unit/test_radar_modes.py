@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sarmitsuba.analysis.quality import image_quality
-from sarmitsuba.errors import DataError, RadarError
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.core.errors import DataError, RadarError
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.radar.builder import build_radar
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.extent import Extent
@@ -15,8 +15,8 @@ from sarmitsuba.radar.footprint import lit, outline
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.render import simulate
-from sarmitsuba.validation.chain import make_scene
+from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.truth.validation.chain import make_scene
 from sarmitsuba.view.notebook import scene_plan
 from tests.support.unweighted import focus, render
 

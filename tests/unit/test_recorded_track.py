@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.errors import RadarError
-from sarmitsuba.focusing.ideal import ideal_echoes
-from sarmitsuba.loader.build import build_scene
+from sarmitsuba.core.errors import RadarError
+from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.recorded import TrackError
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.signal.focusing.ideal import ideal_echoes
 from tests.support.unweighted import render
 
 

@@ -7,10 +7,10 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from sarmitsuba.mesh.conforming import conforming, join_points
-from sarmitsuba.mesh.contacts import contacts
-from sarmitsuba.mesh.mirrors import mirror_planes, part_of
-from sarmitsuba.mesh.remesh import DEVIATION, LONGEST, distance_to_triangles, remesh
+from sarmitsuba.scene.mesh.conforming import conforming, join_points
+from sarmitsuba.scene.mesh.contacts import contacts
+from sarmitsuba.scene.mesh.mirrors import mirror_planes, part_of
+from sarmitsuba.scene.mesh.remesh import DEVIATION, LONGEST, distance_to_triangles, remesh
 
 
 def drawn_solid(rng: np.random.Generator) -> trimesh.Trimesh:

@@ -8,8 +8,8 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba import DataError, SarmitsubaError, SarmitsubaWarning
-from sarmitsuba.echo.raw_data import Layer
-from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.raw.raw_data import Layer
 from tests.support.unweighted import focus, refine
 
 FEW = {"sar_antenna.n_pulses": "12"}
@@ -170,7 +170,7 @@ def test_save_load_and_plot(results: dict[str, object], tmp_path: Path) -> None:
     assert type(figure).__name__ == "Figure" and min(size_of_png((tmp_path / "i.png").read_bytes())) > 100
 
 
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 @pytest.mark.parametrize("name", ["dihedral", "tower"])
 def test_a_changed_scene_is_the_scene_loaded_so(name: str) -> None:
     """By parameters of the file; the random changes are those of a loop over looks."""

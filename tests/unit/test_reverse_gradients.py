@@ -10,19 +10,19 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba import Scene, SquaredDifference, focusing_operator, gradient, jacobian, simulate
-from sarmitsuba.arrays import C64
-from sarmitsuba.backend import dr
-from sarmitsuba.errors import DataError, ResourceError, SceneError
-from sarmitsuba.gradients.forward_model import MOST_TEXELS, ForwardModel
-from sarmitsuba.gradients.losses import MultilookDifference, multilooked
-from sarmitsuba.gradients.parsing import parse
-from sarmitsuba.gradients.reverse import Objective, transposed
-from sarmitsuba.materials.material import SurfaceMaps
+from sarmitsuba.apps.fit.forward_model import MOST_TEXELS, ForwardModel
+from sarmitsuba.apps.fit.losses import MultilookDifference, multilooked
+from sarmitsuba.apps.fit.parsing import parse
+from sarmitsuba.apps.fit.reverse import Objective, transposed
+from sarmitsuba.core.arrays import C64
+from sarmitsuba.core.errors import DataError, ResourceError, SceneError
+from sarmitsuba.machine.backend import dr
+from sarmitsuba.scene.materials.material import SurfaceMaps
 from tests.support.differences import relative
 from tests.support.many_bodies import adjoint_of, city, products
 
 # scenes are small, and leave out bounces and edges
-pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 
 QUAD = {"polarisation": "HH,HV,VH,VV"}
 WIDE = {"wideband": "on", "diffuse_pairs": "off", "edge_diffraction": "off"}
@@ -269,7 +269,7 @@ def test_wrong_parameters_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
         objective(np.array([0.0, np.nan, 0.0, 0.0]))
     with pytest.raises(SceneError, match=r"gain = 1e\+06 dB must be within 300 dB"):
         Objective(scene, "gain", lambda data: (0.0, data))(np.array([1e6]))
-    monkeypatch.setattr("sarmitsuba.memory.free_memory", lambda: 10**5)
+    monkeypatch.setattr("sarmitsuba.machine.memory.free_memory", lambda: 10**5)
     with pytest.raises(ResourceError, match="a gradient by 4 values needs"):
         objective(objective.start)
 

@@ -9,8 +9,8 @@ import trimesh
 
 import sarmitsuba
 from sarmitsuba import FilmDescription, Material, RadarDescription, TraceSettings, build_scene
-from sarmitsuba.errors import RadarError, SarmitsubaError, SceneError
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.core.errors import RadarError, SarmitsubaError, SceneError
+from sarmitsuba.loading.load import load_scene
 
 PEC = '<bsdf type="radar_material" id="metal"><string name="material" value="pec"/></bsdf>'
 GOOD = (

@@ -3,9 +3,9 @@ from pathlib import Path
 
 import pytest
 
-from sarmitsuba.loader.format_doc import fill_tables
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.loader.tables import TABLES
+from sarmitsuba.loading.format_doc import fill_tables
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.loading.tables import TABLES
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = DOCS / "scene_format.md"
@@ -16,7 +16,7 @@ GUIDE = DOCS / "scenes.md"
 def test_the_page_is_up_to_date(name: str) -> None:
     text = (DOCS / name).read_text(encoding="utf-8")
     assert "<!-- table: " in text
-    assert fill_tables(text) == text, f"run: python -m sarmitsuba.loader.format_doc docs/{name}"
+    assert fill_tables(text) == text, f"run: python -m sarmitsuba.loading.format_doc docs/{name}"
 
 
 def test_the_page_holds_every_plugin() -> None:

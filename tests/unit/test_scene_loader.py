@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from sarmitsuba import memory
+from sarmitsuba.core.errors import ResourceError, SarmitsubaWarning
 from sarmitsuba.effects.effect import switchable_effects
-from sarmitsuba.errors import ResourceError, SarmitsubaWarning
-from sarmitsuba.loader.library import list_scenes
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.mesh.ply import write_ply
+from sarmitsuba.loading.library import list_scenes
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.machine import memory
+from sarmitsuba.scene.mesh.ply import write_ply
 from tests.support.scenes import shipped
 
 # of the default mode, stripmap, over small shapes

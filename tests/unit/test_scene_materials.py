@@ -6,20 +6,20 @@ import sys
 import numpy as np
 import pytest
 
-from sarmitsuba.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
-from sarmitsuba.errors import SceneError
-from sarmitsuba.loader.tables import RADAR_MATERIAL, RADIO_MATERIAL
-from sarmitsuba.materials.bsdfs import (
+from sarmitsuba.core.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
+from sarmitsuba.core.errors import SceneError
+from sarmitsuba.loading.tables import RADAR_MATERIAL, RADIO_MATERIAL
+from sarmitsuba.scene.materials.bsdfs import (
     ORDINARY_BSDFS,
     ordinary_material,
     radar_material,
     sionna_itu_name,
     sionna_material,
 )
-from sarmitsuba.materials.diffuse import diffuse_tables
-from sarmitsuba.materials.diffuse_law import LAWS
-from sarmitsuba.materials.named_materials import MATERIALS
-from sarmitsuba.materials.typical import typical_surface
+from sarmitsuba.scene.materials.diffuse import diffuse_tables
+from sarmitsuba.scene.materials.diffuse_law import LAWS
+from sarmitsuba.scene.materials.named_materials import MATERIALS
+from sarmitsuba.scene.materials.typical import typical_surface
 
 X_BAND = 9.6e9
 WHERE = 'scene.xml: bsdf "m"'

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.errors import RadarError, SceneError
-from sarmitsuba.loader.from_mitsuba import scene_from_mitsuba
-from sarmitsuba.loader.library import resolve
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.loader.tables import TABLES
+from sarmitsuba.core.errors import RadarError, SceneError
+from sarmitsuba.loading.from_mitsuba import scene_from_mitsuba
+from sarmitsuba.loading.library import resolve
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.loading.tables import TABLES
 
 MIXED = """<scene version="3.0.0">
 <integrator type="sar_path"><integer name="max_depth" value="2"/><string name="speckle" value="off"/></integrator>
@@ -138,7 +138,7 @@ def test_ordinary_bsdfs_of_a_loaded_scene(mi) -> None:
             "b": {"type": "sphere", "bsdf": {"type": "null"}},
         }
     )
-    with pytest.warns(sarmitsuba.errors.SarmitsubaWarning) as caught:
+    with pytest.warns(sarmitsuba.core.errors.SarmitsubaWarning) as caught:
         loaded = scene_from_mitsuba(scene)
     assert sorted(str(w.message).split('"')[1] for w in caught) == ["conductor", "null"]
     assert sorted((m.pec, m.invisible) for m in loaded.materials) == [(False, True), (True, False)]
@@ -149,7 +149,7 @@ FILM = {"type": "range_film", "image_extent_range": 33.0, "rfilter": {"type": "b
 METAL = {"type": "conductor"}
 
 
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
 @pytest.mark.parametrize(
     ("bsdf", "seen"),
     [
@@ -211,7 +211,7 @@ made, loaded = mi.load_dict(box), mi.load_dict({"type": "scene", "box": box})
 for scene in ({"type": "scene", "radar": radar, "box": made}, loaded):
     try:
         sarmitsuba.load_scene(scene, radar="airborne_x")
-    except sarmitsuba.errors.SceneError as error:
+    except sarmitsuba.core.errors.SceneError as error:
         print(error)
 mi.set_variant("scalar_rgb")
 sarmitsuba.register_plugins()
@@ -255,7 +255,7 @@ sarmitsuba.register_plugins()
 {last}
 sarmitsuba.register_plugins()
 import mitsuba as mi
-from sarmitsuba.loader.from_mitsuba import scene_from_mitsuba
+from sarmitsuba.loading.from_mitsuba import scene_from_mitsuba
 scene = mi.load_file({path!r})
 ours, theirs = sarmitsuba.load_scene({path!r}), scene_from_mitsuba(scene)
 other = {{m.name: m.permittivity for m in theirs.materials}}

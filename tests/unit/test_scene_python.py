@@ -12,15 +12,15 @@ import pytest
 import trimesh
 
 import sarmitsuba
-from sarmitsuba.errors import RadarError, SceneError
-from sarmitsuba.loader.build import SceneMesh, build_scene
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.tessellate import cube, rectangle
+from sarmitsuba.core.errors import RadarError, SceneError
+from sarmitsuba.loading.build import SceneMesh, build_scene
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.radar.description import SENSOR, RadarDescription
 from sarmitsuba.radar.film import FILM, FilmDescription
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.mesh.tessellate import cube, rectangle
 from sarmitsuba.scene.settings import TraceSettings
 
 RADAR = RadarDescription(

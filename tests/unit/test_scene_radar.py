@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import ExtensionError, RadarError, SarmitsubaWarning
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import ExtensionError, RadarError, SarmitsubaWarning
 from sarmitsuba.radar.builder import build_radar
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.extent import Extent

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from sarmitsuba.errors import DataError, SarmitsubaWarning, SceneError
-from sarmitsuba.io.table_file import read_table
-from sarmitsuba.loader.library import list_radars, list_scenes, resolve, resolve_radar, scenes_dir
-from sarmitsuba.loader.load import load_scene
-from sarmitsuba.mesh.cleaning import clean_mesh
-from sarmitsuba.mesh.ply import write_ply
-from sarmitsuba.mesh.tessellate import sphere
+from sarmitsuba.core.errors import DataError, SarmitsubaWarning, SceneError
+from sarmitsuba.files.table_file import read_table
+from sarmitsuba.loading.library import list_radars, list_scenes, resolve, resolve_radar, scenes_dir
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.scene.mesh.cleaning import clean_mesh
+from sarmitsuba.scene.mesh.ply import write_ply
+from sarmitsuba.scene.mesh.tessellate import sphere
 from scenes.city import city_mesh
 from tests.support.city import make_city
 from tests.support.scenes import shipped

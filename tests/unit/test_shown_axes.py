@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.echo.raw_data import Layer
-from sarmitsuba.errors import DataError
-from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.image.shown_axes import ShownAxes
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.image.shown_axes import ShownAxes
+from sarmitsuba.signal.raw.raw_data import Layer
 from sarmitsuba.view.display import PictureOptions, prepare
 from sarmitsuba.view.quicklook import quicklook
 from tests.support.scenes import POINT, small_scene

@@ -7,9 +7,9 @@ import pytest
 
 from sarmitsuba import PointTarget, RadarDescription, build_scene, error_budget, simulate
 from sarmitsuba.analysis.quality.error_budget import ErrorPart
-from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.signal.image.sar_image import SarImage
 from tests.support.unweighted import focus
 
 

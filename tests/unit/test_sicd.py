@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from sarmitsuba.cli import main
-from sarmitsuba.echo.raw_data import Layer
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.io import read_image, write_image
-from sarmitsuba.io.catalog.sicd import objection
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.files import read_image, write_image
+from sarmitsuba.files.catalog.sicd import objection
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.track import Track
+from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.raw.raw_data import Layer
 from tests.support.unweighted import focus
 
 sksicd = pytest.importorskip("sarkit.sicd", reason="writes SICD; in the extra formats, from Python 3.11")
@@ -204,7 +204,9 @@ def test_what_the_standard_has_no_grid_for_is_refused_before_simulating(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Slant-range pixels from orbit: nothing is traced; an airborne line, or pixels on the ground, are no obstacle."""
-    monkeypatch.setattr("sarmitsuba.simulation.render.simulate", None)  # a call would fail otherwise
+    monkeypatch.setattr(
+        "sarmitsuba.simulation.execution.render.simulate", None
+    )  # a call would fail otherwise
     orbit = ["--radar", "terrasar_spotlight", "-D", "image_extent_limit=60"]
     asked = ["render", "trihedral", *orbit, "-D", "range_film.image_grid=slant", "-o", str(tmp_path / "out")]
     assert main([*asked, "--format", "hdf5,sicd"]) == 2

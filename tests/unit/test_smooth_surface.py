@@ -9,13 +9,13 @@ import pytest
 import trimesh
 
 from sarmitsuba import load_scene
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.loader.build import SceneMesh, build_scene
-from sarmitsuba.loader.from_mesh import MeshOptions
-from sarmitsuba.mesh.smooth_groups import smooth_groups
-from sarmitsuba.mesh.smooth_surface import facet_sagitta, smooth_surface
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.loading.build import SceneMesh, build_scene
+from sarmitsuba.loading.from_mesh import MeshOptions
 from sarmitsuba.radar.description import RadarDescription
+from sarmitsuba.scene.mesh.smooth_groups import smooth_groups
+from sarmitsuba.scene.mesh.smooth_surface import facet_sagitta, smooth_surface
 from sarmitsuba.scene.round_facets import RoundFacets, smooth_geometry
 
 

@@ -8,13 +8,13 @@ import pytest
 from PIL import Image
 
 from sarmitsuba import Scene, SceneMesh, build_scene, load_scene
-from sarmitsuba.backend import mi
+from sarmitsuba.core.errors import SceneError
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.errors import SceneError
-from sarmitsuba.loader.plugins import register_plugins
-from sarmitsuba.materials.map_materials import MOST_LEVELS, map_attributes, varied, with_parts
-from sarmitsuba.materials.material import ClassMap, Material, SurfaceMaps
-from sarmitsuba.materials.texture import Bitmap, in_plan, on_mesh
+from sarmitsuba.loading.plugins import register_plugins
+from sarmitsuba.machine.backend import mi
+from sarmitsuba.scene.materials.map_materials import MOST_LEVELS, map_attributes, varied, with_parts
+from sarmitsuba.scene.materials.material import ClassMap, Material, SurfaceMaps
+from sarmitsuba.scene.materials.texture import Bitmap, in_plan, on_mesh
 
 GREY = np.array([[0, 51, 255], [102, 51, 51]], dtype=np.uint8)
 LAW = '<string name="diffuse_law" value="constant"/>'

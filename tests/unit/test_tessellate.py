@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from sarmitsuba.errors import SceneError
-from sarmitsuba.mesh.tessellate import cube, cylinder, disk, rectangle, sphere
+from sarmitsuba.core.errors import SceneError
+from sarmitsuba.scene.mesh.tessellate import cube, cylinder, disk, rectangle, sphere
 
 
 def normals(v, f):

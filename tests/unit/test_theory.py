@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from sarmitsuba import theory
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.materials.diffuse import diffuse_tables
-from sarmitsuba.materials.fresnel import fresnel
-from sarmitsuba.materials.material import Material
-from sarmitsuba.units import db_from_power
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.units import db_from_power
+from sarmitsuba.scene.materials.diffuse import diffuse_tables
+from sarmitsuba.scene.materials.fresnel import fresnel
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.truth import theory
 
 # 10 wavelengths
 SIDE, WAVELENGTH = 0.3, 0.03

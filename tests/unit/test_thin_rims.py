@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from sarmitsuba import theory
-from sarmitsuba.arrays import C128, F64, I64
-from sarmitsuba.mesh import thin_rims
-from sarmitsuba.mesh.sharp_edges import SharpEdges, sharp_edges
-from sarmitsuba.mesh.thin_rims import ELECTRIC, ONE_EDGE, wedge_shares, with_thin_rims
-from sarmitsuba.theory.moments import strips_by_moments
-from sarmitsuba.trace.edges import edges_of
-from sarmitsuba.validation import targets
+from sarmitsuba.core.arrays import C128, F64, I64
+from sarmitsuba.scene.mesh import thin_rims
+from sarmitsuba.scene.mesh.sharp_edges import SharpEdges, sharp_edges
+from sarmitsuba.scene.mesh.thin_rims import ELECTRIC, ONE_EDGE, wedge_shares, with_thin_rims
+from sarmitsuba.tracing.scatterers.edges.diffraction import edges_of
+from sarmitsuba.truth import theory
+from sarmitsuba.truth.theory.moments import strips_by_moments
+from sarmitsuba.truth.validation import targets
 
 
 def edges_of_box(size: F64, *, divided: int = 0, turn: F64 | None = None) -> SharpEdges:

@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.effects.context import KINDS
-from sarmitsuba.loader.library import resolve
-from sarmitsuba.loader.load import load_scene
+from sarmitsuba.loading.library import resolve
+from sarmitsuba.loading.load import load_scene
+from sarmitsuba.machine.backend import dr, ensure_backend, mi
 from sarmitsuba.radar.antenna import Antenna
-from sarmitsuba.trace.accumulators import rounded_size
-from sarmitsuba.trace.device_arrays import device_array
-from sarmitsuba.trace.kernel import KernelSettings, trace
-from sarmitsuba.trace.launch import PulseBatch, frame_towards, lattice
-from sarmitsuba.trace.scene_tables import build_trace_scene
-from sarmitsuba.trace.state import COHERENT, DIFFUSE, RECIPROCAL, Contribution, Kernel
+from sarmitsuba.tracing.kernel.accumulators import rounded_size
+from sarmitsuba.tracing.kernel.device_arrays import device_array
+from sarmitsuba.tracing.kernel.kernel import KernelSettings, trace
+from sarmitsuba.tracing.kernel.launch import PulseBatch, frame_towards, lattice
+from sarmitsuba.tracing.kernel.scene_tables import build_trace_scene
+from sarmitsuba.tracing.kernel.state import COHERENT, DIFFUSE, RECIPROCAL, Contribution, Kernel
 from tests.support.paths import coherent_flags
 
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.backend import mi
-from sarmitsuba.gradients.shape_parameters import Deformation
-from sarmitsuba.trace.range_tangents import turned_hit
-from sarmitsuba.trace.tangents import Displacement, Tangents
+from sarmitsuba.apps.fit.shape_parameters import Deformation
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.machine.backend import mi
+from sarmitsuba.tracing.derivatives.range_tangents import turned_hit
+from sarmitsuba.tracing.derivatives.tangents import Displacement, Tangents
 from tests.support.differences import drawn
 
 ROTATION = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])

@@ -8,16 +8,16 @@ import pytest
 
 from sarmitsuba import load_scene
 from sarmitsuba.commands.console import Console
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import GuessWarning, SarmitsubaWarning, SceneError
-from sarmitsuba.loader.build import SceneMesh, build_scene
-from sarmitsuba.loader.names_of_materials import ALIASES, WORDS, exact_kind, kind_of
-from sarmitsuba.loader.tables import RADAR_MATERIAL
-from sarmitsuba.materials.bsdfs import radar_material
-from sarmitsuba.materials.diffuse_law import LAWS
-from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.named_materials import MATERIALS
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import GuessWarning, SarmitsubaWarning, SceneError
+from sarmitsuba.loading.build import SceneMesh, build_scene
+from sarmitsuba.loading.names_of_materials import ALIASES, WORDS, exact_kind, kind_of
+from sarmitsuba.loading.tables import RADAR_MATERIAL
 from sarmitsuba.radar.description import RadarDescription
+from sarmitsuba.scene.materials.bsdfs import radar_material
+from sarmitsuba.scene.materials.diffuse_law import LAWS
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.materials.named_materials import MATERIALS
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from tests.support.unweighted import render

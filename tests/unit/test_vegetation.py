@@ -5,17 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba import RadarDescription, SceneMesh, SceneVolume, build_scene, load_scene, theory
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import SceneError
-from sarmitsuba.materials.vegetation import canopy, plant_pieces
-from sarmitsuba.materials.vegetation.canopy import CANOPIES, Canopy, Constituent, Orientation
-from sarmitsuba.materials.vegetation.medium import NODES, node_cosines, water_cloud
-from sarmitsuba.materials.vegetation.permittivity import plant_permittivity
-from sarmitsuba.materials.vegetation.plant_pieces import Leaf, OverGround, Stick
-from sarmitsuba.materials.vegetation.thin_cylinder import thin_rod
-from sarmitsuba.mesh import tessellate
+from sarmitsuba import RadarDescription, SceneMesh, SceneVolume, build_scene, load_scene
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.errors import SceneError
+from sarmitsuba.scene.materials.vegetation import canopy, plant_pieces
+from sarmitsuba.scene.materials.vegetation.canopy import CANOPIES, Canopy, Constituent, Orientation
+from sarmitsuba.scene.materials.vegetation.medium import NODES, node_cosines, water_cloud
+from sarmitsuba.scene.materials.vegetation.permittivity import plant_permittivity
+from sarmitsuba.scene.materials.vegetation.plant_pieces import Leaf, OverGround, Stick
+from sarmitsuba.scene.materials.vegetation.thin_cylinder import thin_rod
+from sarmitsuba.scene.mesh import tessellate
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.truth import theory
 
 GROUND = SceneMesh(
     np.array([[-9.0, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]]), [[0, 1, 2], [0, 2, 3]], "concrete", "ground"
@@ -270,7 +271,7 @@ def test_shapes_of_a_file_become_volumes(tmp_path: Path) -> None:
     assert made.volumes[0].bounds[:, 2] == pytest.approx([1.0, 7.0], abs=0.03)
 
 
-@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # of the adapter
+@pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")  # of the adapter
 @pytest.mark.parametrize(
     ("shape", "words"),
     [

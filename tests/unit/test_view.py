@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from scipy.signal import windows
 
-from sarmitsuba.echo.raw_data import Layer
-from sarmitsuba.errors import DataError
-from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.raw.raw_data import Layer
 from sarmitsuba.view.display import QUANTITIES, PictureOptions, limits_db, prepare, screen_size
 from sarmitsuba.view.profile import cut, profile
 from sarmitsuba.view.quicklook import (

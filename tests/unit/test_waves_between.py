@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from sarmitsuba.arrays import F64
+from sarmitsuba.core.arrays import F64
 from sarmitsuba.effects import waves_between as module
 from sarmitsuba.effects.omitted_waves import BENT, SimulatedWaves, metal_lines, omitted_energy
 from sarmitsuba.effects.theory_error import repeated_share

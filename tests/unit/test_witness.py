@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from sarmitsuba.witness import Witness
+from sarmitsuba.core.witness import Witness
 
 
 def test_level_of_a_drawn_sample_and_its_confidence() -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.analysis.interferometry.viewpoint import Viewpoint
-from sarmitsuba.arrays import F64
+from sarmitsuba.core.arrays import F64
 
 # distance of the transmitters, relative to that of the receivers, below which they count as one
 _SAME = 1e-3

@@ -6,9 +6,9 @@ import scipy.fft
 from sarmitsuba.analysis.interferometry.baseline import Baseline
 from sarmitsuba.analysis.interferometry.viewpoint import Viewpoint
 from sarmitsuba.analysis.quality.widths import grid_cells, windows_of
-from sarmitsuba.arrays import C128
-from sarmitsuba.errors import DataError
-from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.core.arrays import C128
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.signal.image.sar_image import SarImage
 
 
 def common_band_pair(

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from sarmitsuba.analysis.interferometry.interferogram import Interferogram
 from sarmitsuba.analysis.interferometry.viewpoint import FixedAntennas
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import DataError
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import DataError
 
 # steps of Newton's method; each squares the error
 _ROUNDS = 4

@@ -9,11 +9,11 @@ from sarmitsuba.analysis.interferometry.baseline import Baseline
 from sarmitsuba.analysis.interferometry.common_band import common_band_pair
 from sarmitsuba.analysis.interferometry.viewpoint import Viewpoint
 from sarmitsuba.analysis.quality.widths import grid_cells, windows_of
-from sarmitsuba.arrays import C128, F64
-from sarmitsuba.errors import DataError
-from sarmitsuba.image.averaging import block_means, block_middles
-from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.registry import late, png_of
+from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.registry import late, png_of
+from sarmitsuba.signal.image.averaging import block_means, block_middles
+from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
 
 # approximate least number of independent looks in automatic blocks
 _LOOKS = 16.0
@@ -45,7 +45,7 @@ class Interferogram:
     Notes
     -----
     The sample coherence is biased: for n looks without coherence it is about sqrt(pi / 4n), see
-    :func:`sarmitsuba.theory.expected_coherence`. Fringes of the terrain within a block lower it.
+    :func:`sarmitsuba.truth.theory.expected_coherence`. Fringes of the terrain within a block lower it.
 
     References
     ----------

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import DataError
-from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.flight import Flight
+from sarmitsuba.signal.image.sar_image import SarImage
 
 # iterations for the time at which a point is at the beam's squint: in orbit each leaves a tenth of the error
 _ROUNDS = 8

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sarmitsuba.analysis.polarimetry.coherency import hermitian
-from sarmitsuba.arrays import F64, U8
+from sarmitsuba.core.arrays import F64, U8
 
 # zones of the entropy-alpha plane, Cloude and Pottier 1997, figure 3
 ZONES: dict[int, str] = {

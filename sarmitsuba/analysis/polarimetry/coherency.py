@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from sarmitsuba.analysis.polarimetry.multilook import averaged
 from sarmitsuba.analysis.polarimetry.quad import QuadPol
-from sarmitsuba.arrays import C64, C128, F64
-from sarmitsuba.errors import DataError
+from sarmitsuba.core.arrays import C64, C128, F64
+from sarmitsuba.core.errors import DataError
 
 _ROOT_2 = np.sqrt(2.0)
 # k_pauli = U k_lexicographic

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sarmitsuba.analysis.polarimetry.coherency import hermitian
-from sarmitsuba.arrays import U8
-from sarmitsuba.errors import DataError
+from sarmitsuba.core.arrays import U8
+from sarmitsuba.core.errors import DataError
 
 # range of the brightness from black to white, dB
 SPAN_DB = 50.0

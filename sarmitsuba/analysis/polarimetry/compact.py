@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.analysis.polarimetry.multilook import averaged
-from sarmitsuba.arrays import C64, F64
-from sarmitsuba.errors import DataError
-from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.core.arrays import C64, F64
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.signal.image.sar_image import SarImage
 
 
 @dataclass(frozen=True, eq=False)

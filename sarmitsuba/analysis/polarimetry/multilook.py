@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import C128
-from sarmitsuba.errors import DataError
-from sarmitsuba.image.averaging import block_means, sliding_means
+from sarmitsuba.core.arrays import C128
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.signal.image.averaging import block_means, sliding_means
 
 
 def averaged(values: NDArray[np.complexfloating], looks: tuple[int, int], sliding: bool) -> C128:

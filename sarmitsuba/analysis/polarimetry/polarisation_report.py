@@ -9,9 +9,9 @@ from sarmitsuba.analysis.polarimetry.coherency import coherency, span
 from sarmitsuba.analysis.polarimetry.compact import Stokes, m_chi, stokes
 from sarmitsuba.analysis.polarimetry.multilook import check_looks
 from sarmitsuba.analysis.polarimetry.quad import quad_pol
-from sarmitsuba.arrays import C128, F64
-from sarmitsuba.errors import DataError
-from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.signal.image.sar_image import SarImage
 
 # resolution cells along the side of an automatic block: 25 looks give H to about 0.05
 CELLS = 5.0

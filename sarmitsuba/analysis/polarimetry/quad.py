@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.arrays import C64
-from sarmitsuba.errors import DataError
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.units import db_from_power
+from sarmitsuba.core.arrays import C64
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.units import db_from_power
+from sarmitsuba.signal.image.sar_image import SarImage
 
 # relative power of float32 rounding
 _ROUNDING = 1e-12

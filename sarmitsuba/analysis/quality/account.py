@@ -20,9 +20,9 @@ from sarmitsuba.analysis.quality.error_budget import (
     likely_effects_db,
     number,
 )
-from sarmitsuba.constants import RAY_ERROR_ORDER
-from sarmitsuba.focusing.alternatives import Alternative
-from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.core.constants import RAY_ERROR_ORDER
+from sarmitsuba.signal.focusing.alternatives import Alternative
+from sarmitsuba.signal.image.sar_image import SarImage
 
 # change of the sum of the known errors, dB, up to which a coarser setting counts as no loss, and least gain of a finer
 # one; energies of errors are themselves known to 1.5 dB (benchmarks/suite/error_bars.py)

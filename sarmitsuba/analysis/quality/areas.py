@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.analysis.quality.widths import grid_cells
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import DataError
-from sarmitsuba.image.averaging import block_means
-from sarmitsuba.image.metrics import equivalent_number_of_looks, windows_over
-from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.signal.image.averaging import block_means
+from sarmitsuba.signal.image.metrics import equivalent_number_of_looks, windows_over
+from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
 
 # cells along the edge of an automatic area, and of the pieces by which it is chosen
 _EDGE, _PIECE = 24.0, 6.0

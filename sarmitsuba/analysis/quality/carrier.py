@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sarmitsuba.arrays import C64, C128, F64
-from sarmitsuba.errors import DataError
-from sarmitsuba.image.metrics import Chip
-from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.core.arrays import C64, C128, F64
+from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.flight import Flight
+from sarmitsuba.signal.image.metrics import Chip
+from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Carrier:
         if facts.get("all_round"):
             raise DataError(
                 "image: a circular aperture has no carrier, and no lobes along azimuth and range; "
-                "sarmitsuba.theory.circular_response is the response of a point"
+                "sarmitsuba.truth.theory.circular_response is the response of a point"
             )
         grid = image.grid
         if "center_position" in facts:

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sarmitsuba.echo.gridding import gridding_kernel
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.witness import Witness
+from sarmitsuba.core.witness import Witness
+from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.raw.gridding import gridding_kernel
 
 # kinds of a figure: found in this run on so many samples; never exceeded; foretold by a law that this run did not check
 MEASURED, BOUND, LAW, UNKNOWN = "measured here", "bound", "law", "not measured"
@@ -120,7 +120,8 @@ def error_budget(image: SarImage) -> tuple[ErrorPart, ...]:
 
     Notes
     -----
-    A witness (:class:`sarmitsuba.witness.Witness`) in the metadata takes the place of a law, which stays as ``law_db``.
+    A witness (:class:`sarmitsuba.core.witness.Witness`) in the metadata takes the place of a law, which stays as
+    ``law_db``.
     Effects left out are summed as independent energies; those without a bound are named. The error of the theory
     is the energy of waves that metal sends and the run does not follow, by the laws of
     :mod:`sarmitsuba.effects.omitted_waves`; unknown for other surfaces, see docs/accuracy.md.

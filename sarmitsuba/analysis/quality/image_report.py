@@ -21,8 +21,8 @@ from sarmitsuba.analysis.quality.point_quality import (
     measure_known,
     scene_points,
 )
-from sarmitsuba.errors import DataError
-from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.signal.image.sar_image import SarImage
 
 
 @dataclass(frozen=True)

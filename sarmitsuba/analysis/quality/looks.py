@@ -7,11 +7,11 @@ import scipy.fft
 
 from sarmitsuba.analysis.quality.carrier import Carrier
 from sarmitsuba.analysis.quality.widths import grid_cells, windows_of
-from sarmitsuba.arrays import F64
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.windows import Window
-from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.units import db_from_power
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.units import db_from_power
+from sarmitsuba.signal.focusing.windows import Window
+from sarmitsuba.signal.image.sar_image import SarImage
 
 # least relative weight of the image's window that is divided out, so that the ends of hann do not amplify noise
 _FLOOR = 0.1

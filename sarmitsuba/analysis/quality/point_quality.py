@@ -9,11 +9,11 @@ import scipy
 
 from sarmitsuba.analysis.quality.carrier import Carrier
 from sarmitsuba.analysis.quality.widths import grid_cells, predicted_irw
-from sarmitsuba.arrays import C64, C128
-from sarmitsuba.errors import DataError
-from sarmitsuba.image.metrics import Chip, CutMetrics, PointTargetMetrics, point_target
-from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.core.arrays import C64, C128
+from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.polarisation import isotropic_response
+from sarmitsuba.signal.image.metrics import Chip, CutMetrics, PointTargetMetrics, point_target
+from sarmitsuba.signal.image.sar_image import SarImage
 
 # half size of a chip, cells: ISLR to 10 widths fits for every window
 _REACH = 16.0
@@ -62,7 +62,7 @@ class PointQuality:
     phase : rad, at the known position, else at the peak
     phase_error : rad, relative to the known phase, at the known position
     background_db : peak over the mean of the surroundings
-    azimuth_cut, range_cut : impulse response along the lobes, see :class:`sarmitsuba.image.metrics.CutMetrics`
+    azimuth_cut, range_cut : impulse response along the lobes, see :class:`sarmitsuba.signal.image.metrics.CutMetrics`
     predicted_irw : m, of azimuth and range, from cells and windows
     """
 

@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 
 from sarmitsuba.analysis.quality.carrier import Lobes
-from sarmitsuba.focusing.windows import Window, parse_window
-from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.signal.focusing.windows import Window, parse_window
+from sarmitsuba.signal.image.sar_image import SarImage
 
 _NODES, _FINE = 1024, 64
 

@@ -5,12 +5,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from sarmitsuba.core.errors import SceneError
 from sarmitsuba.effects.context import PilotResult, SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.facet_bound import facet_bound, flash_bound, mean_clutter, specular_db
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import names
-from sarmitsuba.errors import SceneError
 
 
 class Coherent(Effect):

@@ -6,10 +6,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from sarmitsuba.core.errors import RadarError
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
-from sarmitsuba.errors import RadarError
 from sarmitsuba.scene.scene import Scene
 
 

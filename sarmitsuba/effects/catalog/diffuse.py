@@ -9,7 +9,7 @@ from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import names
-from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.scene.materials.diffuse import diffuse_tables
 
 # angles at which hh and vv are compared, 6 degrees apart
 _POLARISED_NODES = 16

@@ -7,18 +7,18 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import C128, F64
+from sarmitsuba.core.arrays import C128, F64
 from sarmitsuba.effects.context import CELL_BELOW_CLUTTER_DB, SceneContext
 from sarmitsuba.effects.edge_bound import Aperture, EdgeBounds, edge_bounds
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import length
-from sarmitsuba.materials.diffuse import diffuse_tables
-from sarmitsuba.materials.fresnel import fresnel
-from sarmitsuba.materials.map_materials import with_parts
-from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.sharp_edges import SharpEdges
-from sarmitsuba.mesh.thin_rims import metal_edges
+from sarmitsuba.scene.materials.diffuse import diffuse_tables
+from sarmitsuba.scene.materials.fresnel import fresnel
+from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.mesh.sharp_edges import SharpEdges
+from sarmitsuba.scene.mesh.thin_rims import metal_edges
 from sarmitsuba.scene.visible_faces import VisibleFaces
 
 # antenna positions, distributed over all, and edges with the largest bounds whose fringe coefficients are computed

@@ -9,8 +9,8 @@ from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import names
-from sarmitsuba.materials.fresnel import fresnel
-from sarmitsuba.materials.material import Material
+from sarmitsuba.scene.materials.fresnel import fresnel
+from sarmitsuba.scene.materials.material import Material
 
 
 class Fresnel(Effect):

@@ -4,15 +4,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from sarmitsuba.core.errors import SceneError
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
-from sarmitsuba.errors import SceneError
 
 FULL_WAVE = "full_wave"
 
 
 class FullWave(Effect):
-    """Full wave; decided by ``rcs`` alone (:mod:`sarmitsuba.simulation.solved_currents`): images follow rays.
+    """Full wave; decided by ``rcs`` alone (:mod:`sarmitsuba.simulation.execution.solved_currents`): images follow rays.
 
     The radar cross section of perfect conductors of up to some 50 square wavelengths of surface is solved where ray
     optics is expected to err by more than 0.5 dB; ``on`` solves larger ones, as memory allows.

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.constants import BOLTZMANN
+from sarmitsuba.core.constants import BOLTZMANN
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.scene.scene import Scene

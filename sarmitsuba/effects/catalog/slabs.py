@@ -9,9 +9,9 @@ from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import length, names
-from sarmitsuba.materials.fresnel import fresnel
-from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.slab import COSINES, slab_coefficients
+from sarmitsuba.scene.materials.fresnel import fresnel
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.materials.slab import COSINES, slab_coefficients
 
 
 class Slabs(Effect):

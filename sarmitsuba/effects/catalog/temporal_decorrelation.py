@@ -8,8 +8,8 @@ import numpy as np
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
-from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.vegetation.medium import VolumeMedium
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.materials.vegetation.medium import VolumeMedium
 
 
 class TemporalDecorrelation(Effect):

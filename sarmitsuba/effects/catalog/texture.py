@@ -10,8 +10,8 @@ from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import length, names
-from sarmitsuba.materials.diffuse import diffuse_tables
-from sarmitsuba.materials.material import Material
+from sarmitsuba.scene.materials.diffuse import diffuse_tables
+from sarmitsuba.scene.materials.material import Material
 
 # angles at which the materials of a map are compared, 6 degrees apart
 _NODES = 16

@@ -9,7 +9,7 @@ from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import names
-from sarmitsuba.materials.slab import lets_through, most_power_through
+from sarmitsuba.scene.materials.slab import lets_through, most_power_through
 
 
 class Transmission(Effect):

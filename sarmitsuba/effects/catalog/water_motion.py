@@ -8,8 +8,8 @@ import numpy as np
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
-from sarmitsuba.materials.diffuse import water_in
-from sarmitsuba.materials.diffuse_law import WindWaves
+from sarmitsuba.scene.materials.diffuse import water_in
+from sarmitsuba.scene.materials.diffuse_law import WindWaves
 
 
 class WaterMotion(Effect):

@@ -5,18 +5,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sarmitsuba.arrays import C128, F64
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.sub_bands import SubBands
+from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.facet_bound import angles_known, facet_bound, specular_db
-from sarmitsuba.materials.diffuse import diffuse_tables, water_in
-from sarmitsuba.materials.fresnel import fresnel
-from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.sea_spectrum import angular_frequency
-from sarmitsuba.materials.slab import COSINES, slab_coefficients
+from sarmitsuba.scene.materials.diffuse import diffuse_tables, water_in
+from sarmitsuba.scene.materials.fresnel import fresnel
+from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.materials.sea_spectrum import angular_frequency
+from sarmitsuba.scene.materials.slab import COSINES, slab_coefficients
 from sarmitsuba.scene.scatterers import SCATTERERS
+from sarmitsuba.signal.raw.sub_bands import SubBands
 
 # least number of traced frequencies (exact for changes linear in frequency), and the largest number
 LEAST_SUB_BANDS, MOST_SUB_BANDS = 2, 16

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.parameters import Param, Value
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.parameters import Param, Value
 from sarmitsuba.radar.mode import MODES, AimGeometry, RadarMode, TrackAxes, towards
 from sarmitsuba.radar.path import FlightPath
 from sarmitsuba.radar.track import Track

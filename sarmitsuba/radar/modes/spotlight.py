@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
-from sarmitsuba.arrays import F64
-from sarmitsuba.parameters import Value
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.parameters import Value
 from sarmitsuba.radar.mode import MODES, AimGeometry, RadarMode, TrackAxes, towards
 from sarmitsuba.radar.track import Track
 

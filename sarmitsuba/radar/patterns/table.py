@@ -5,8 +5,8 @@ from types import ModuleType
 
 import numpy as np
 
+from sarmitsuba.core.samples import Samples
 from sarmitsuba.radar.pattern import PATTERNS, Pattern
-from sarmitsuba.samples import Samples
 
 
 class Table(Pattern):

@@ -1,0 +1,94 @@
+"""Semantic classes of shapes by a table of their names."""
+
+from collections.abc import Iterable, Mapping
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.parameters import did_you_mean, one_line
+from sarmitsuba.files.table_file import read_table
+from sarmitsuba.scene.scene import Scene
+
+_MOST_BYTES = 10_000_000
+
+
+def shape_names(scene: Scene) -> tuple[str, ...]:
+    """Names of all shapes of a scene: meshes, points, wires, volumes, scatterers."""
+    beside = (scene.points, scene.wires, scene.volumes, scene.scatterers)
+    return tuple(
+        dict.fromkeys([*scene.geometry.mesh_names, *(thing.name for many in beside for thing in many)])
+    )
+
+
+def classes_of_shapes(names: Iterable[str], table: Mapping[str, str]) -> dict[str, str]:
+    """Class of each shape that a table names.
+
+    Parameters
+    ----------
+    names : of shapes
+    table : class by a shape's name, or by a pattern of names: ``*`` stands for any text, ``?`` for any character. The
+        name itself goes before patterns, of these the first one that fits
+    """
+    out = {}
+    for name in names:
+        if name in table:
+            out[name] = table[name]
+            continue
+        for pattern, kind in table.items():
+            if fnmatchcase(name, pattern):
+                out[name] = kind
+                break
+    return out
+
+
+def checked_classes(scene: Scene, table: Mapping[str, str]) -> dict[str, str]:
+    """Class of each shape of a scene that a table names, as :func:`classes_of_shapes`.
+
+    Raises
+    ------
+    DataError
+        A name or pattern of the table fits no shape, or a class has no name.
+    """
+    names = shape_names(scene)
+    check_used(table, names, "labels: classes: the scene has")
+    return classes_of_shapes(names, table)
+
+
+def check_used(table: Mapping[str, str], names: Iterable[str], where: str) -> None:
+    """Raise a DataError for an entry that fits none of some names, or whose class has no name."""
+    known = list(names)
+    for name, kind in table.items():
+        if not kind:
+            raise DataError(f'labels: classes: "{one_line(name)}" has the class ""; give it a name')
+        if not any(name == one or fnmatchcase(one, name) for one in known):
+            raise DataError(
+                f'{where} no shape "{one_line(name)}"{did_you_mean(name, known)}; name shapes by their id'
+            )
+
+
+def class_table(content: Mapping[str, object], where: str) -> dict[str, str]:
+    """Table of classes from names and values of a file.
+
+    Raises
+    ------
+    DataError
+        A value is no text; ``where`` begins the line.
+    """
+    for name, kind in content.items():
+        if not isinstance(kind, str) or not kind:
+            raise DataError(
+                f"{where}: {one_line(name)} = {one_line(kind) or chr(34) * 2} is no class; give a text, for example "
+                '"building*" = "building"'
+            )
+    return {name: str(kind) for name, kind in content.items()}
+
+
+def read_classes(path: Path | str) -> dict[str, str]:
+    """Table of classes of a TOML or JSON file, such as ``"building*" = "building"``.
+
+    Raises
+    ------
+    DataError
+        One line: the file cannot be read, or a value is no text.
+    """
+    return class_table(read_table(Path(path), "a table of classes", _MOST_BYTES), str(path))

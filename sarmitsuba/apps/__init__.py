@@ -1,0 +1,1 @@
+"""Uses of the simulator: fits, data sets, cost studies, clusters, the studio. Only commands import them."""

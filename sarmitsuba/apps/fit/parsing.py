@@ -1,0 +1,151 @@
+"""Parameters by their names, as on the command line."""
+
+from __future__ import annotations
+
+import re
+from itertools import zip_longest
+from typing import TYPE_CHECKING
+
+from sarmitsuba.apps.fit.material_parameters import PROPERTIES, Level, LevelMap, MaterialProperty, has_level
+from sarmitsuba.apps.fit.parameter import AXES, Parameter, quoted
+from sarmitsuba.apps.fit.radar_parameters import AntennaTrack, BeamPointing, ClockOffset, Gain
+from sarmitsuba.apps.fit.shape_parameters import DEFORMATIONS, Deformation, Shift, bodies
+from sarmitsuba.core.errors import SceneError
+from sarmitsuba.scene.materials.map_materials import with_parts
+
+if TYPE_CHECKING:
+    from sarmitsuba.scene.scene import Scene
+
+# a part of a parameter's text: a name in quotation marks, in which a doubled one stands for one, or text without any
+PART = re.compile(r'\s*(?:"((?:[^"]|"")*)"|([^",:]*))\s*([,:]|$)')
+
+
+def parse(text: str, scene: Scene) -> tuple[Parameter, ...]:
+    """Parameters from a text such as ``gain,level:soil,track:5,shift:roof:z``.
+
+    ``levels`` stands for all materials', ``materials`` for these and every property that a material has, and
+    ``heights``, ``scales``, ``rotations``, ``shifts:x`` for those of all shapes that are not ground, see
+    :func:`sarmitsuba.apps.fit.shape_parameters.bodies`. Names that hold a comma, a colon or a quotation mark stand in
+    quotation marks, ``shift:"block:3, north":z``, and a quotation mark within them is doubled.
+
+    Raises
+    ------
+    SceneError : an unknown kind, another number of parts than the kind has, or a quotation mark without its other
+    """
+    found: list[Parameter] = []
+    for parts in _words(text):
+        kind, *rest = parts
+        word = ":".join(quoted(part) for part in parts)
+        own: list[Parameter] | None = None
+        for read in (_of_radar, _of_materials, _of_shapes):
+            own = read(kind, rest, scene) if own is None else own
+        if own is None:
+            raise SceneError(
+                f"parameter {word!r} is not one of gain, clock_offset, track:KNOTS[:AXES], pointing[:KNOTS], "
+                f"level:MATERIAL, levels, materials, level_map:MATERIAL, "
+                f"{', '.join(f'{k}:MATERIAL' for k in PROPERTIES)}, shift:SHAPE:AXIS, "
+                f"{', '.join(f'{k}:SHAPE' for k in DEFORMATIONS)}, shifts:AXIS, "
+                f"{', '.join(f'{k}s' for k in DEFORMATIONS)}"
+            )
+        found += own
+    if not found:
+        raise SceneError("parameters: none is given; name at least one, such as gain or levels")
+    return tuple(found)
+
+
+def _words(text: str) -> list[list[str]]:
+    """Parts of every word of a text, split at commas and colons outside quotation marks; empty words are left out."""
+    words: list[list[str]] = [[]]
+    at = 0
+    while at <= len(text):
+        part = PART.match(text, at)
+        if part is None:
+            raise SceneError(
+                f"parameters {text!r}: a quotation mark stands alone, or within a name; write a name that holds "
+                'commas, colons or quotation marks as shift:"block:3":z, with its own quotation marks doubled'
+            )
+        name, plain, end = part.groups()
+        words[-1].append(plain.strip() if name is None else name.replace('""', '"'))
+        if end == ",":
+            words.append([])
+        if not end:
+            break
+        at = part.end()
+    return [word for word in words if word != [""]]
+
+
+def _of_radar(kind: str, rest: list[str], scene: Scene) -> list[Parameter] | None:
+    match kind, rest:
+        case "gain", []:
+            return [Gain()]
+        case "clock_offset", []:
+            return [ClockOffset()]
+        case "track", [n] if n.isdecimal() and int(n) > 0:
+            return [AntennaTrack(int(n))]
+        case "track", [n, axes] if n.isdecimal() and int(n) > 0 and axes and set(axes) <= set(AXES):
+            return [AntennaTrack(int(n), axes)]
+        case "pointing", []:
+            return [BeamPointing()]
+        case "pointing", [n] if n.isdecimal() and int(n) > 0:
+            return [BeamPointing(int(n))]
+    return None
+
+
+def _of_materials(kind: str, rest: list[str], scene: Scene) -> list[Parameter] | None:
+    names = tuple(dict.fromkeys(m.name for m in with_parts(scene.materials)))
+    levels: list[Parameter] = [
+        Level(name) for name in dict.fromkeys(m.name for m in with_parts(scene.materials) if has_level(m))
+    ]
+    match kind, rest:
+        case "level", [material]:
+            return [Level(material)]
+        case "levels", []:
+            return levels
+        case "materials", []:
+            own = (f"{kind}:{quoted(name)}" for name in names for kind in PROPERTIES)
+            return levels + [p for word in own if _has(scene, word) for p in parse(word, scene)]
+        case "level_map", [material]:
+            return [LevelMap(material)]
+        case kind, [material] if kind in PROPERTIES:
+            return [MaterialProperty(kind, material)]
+    return None
+
+
+def _of_shapes(kind: str, rest: list[str], scene: Scene) -> list[Parameter] | None:
+    one = kind.removesuffix("s")
+    match kind, rest:
+        case "shift", [shape, axis] if axis in tuple(AXES):
+            return [Shift(shape, axis)]
+        case "shifts", [axis] if axis in tuple(AXES):
+            return [Shift(shape, axis) for shape in bodies(scene, f"shifts:{axis}")]
+        case kind, [shape] if kind in DEFORMATIONS:
+            return [Deformation(kind, shape)]
+        case kind, [] if kind != one and one in DEFORMATIONS:
+            return [Deformation(one, shape) for shape in bodies(scene, kind)]
+    return None
+
+
+def offered(scene: Scene) -> tuple[str, ...]:
+    """Parameters of one value that a scene has, as texts: those of its shapes, then those of its materials, then gain.
+
+    Shapes whose names are not unique, ground without end, and properties that a material has not are left out.
+    """
+    geometry = scene.geometry
+    words = []
+    for name, endless in zip_longest(geometry.mesh_names, geometry.mesh_endless, fillvalue=False):
+        if not endless:
+            own = quoted(str(name))
+            words += [f"shift:{own}:{axis}" for axis in AXES] + [f"{kind}:{own}" for kind in DEFORMATIONS]
+    for material in dict.fromkeys(m.name for m in with_parts(scene.materials)):
+        words += [f"{kind}:{quoted(material)}" for kind in ("level", *PROPERTIES)]
+    return (*(word for word in dict.fromkeys(words) if _has(scene, word)), "gain")
+
+
+def _has(scene: Scene, word: str) -> bool:
+    """Whether a scene has the parameter of a text."""
+    try:
+        found = parse(word, scene)
+        found[0].values(scene)
+    except SceneError:
+        return False
+    return True

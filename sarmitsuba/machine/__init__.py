@@ -1,0 +1,1 @@
+"""The machine: back end, threads and lock, kernel cache, memory, guarded and atomic files, journals."""

@@ -1,0 +1,127 @@
+"""Reading of untrusted files: regular files of bounded size only, checked on the opened file."""
+
+import errno
+import os
+import stat
+from pathlib import Path
+
+from sarmitsuba.core.errors import DataError, OutputError, SarmitsubaError
+
+# a city of a million buildings; larger files must be divided
+LARGEST = 1 << 30
+# bytes that a file may unpack to: for the modules of a reader and an empty picture, and per byte of the file: complex
+# numbers in text, or compressed tenfold, read in several copies, take 60
+_LEAST_UNPACKED = 1 << 28
+_UNPACKED_PER_BYTE = 60
+
+
+def check_text(name: Path | str, error: type[SarmitsubaError] = OutputError) -> None:
+    """Raise an error for a name that is not UTF-8, which some libraries cannot open or write to."""
+    try:
+        str(name).encode()
+    except UnicodeEncodeError:
+        shown = str(name).encode(errors="surrogateescape")
+        raise error(f"{shown!r}: the name is not UTF-8 text; rename the file or folder") from None
+
+
+def open_regular(path: Path | str, most: int = LARGEST) -> int:
+    """Open a regular file for reading and return its descriptor, which the caller closes.
+
+    Parameters
+    ----------
+    path : links are followed
+    most : bytes
+
+    Raises
+    ------
+    OSError
+        It cannot be opened, is a folder, pipe, socket or device, or holds more than ``most`` bytes; ``strerror`` states
+        the reason. An idle pipe does not block the caller.
+    """
+    flags = (
+        os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+    )
+    try:
+        handle = os.open(path, flags)
+    except ValueError:  # a null character
+        raise OSError(errno.EINVAL, "is not a file name") from None
+    try:
+        found = os.fstat(handle)
+        if not stat.S_ISREG(found.st_mode):
+            raise OSError(errno.EINVAL, "is not a regular file")
+        if found.st_size > most:
+            raise OSError(
+                errno.EFBIG,
+                f"its {found.st_size / 1e6:.4g} MB are more than {most / 1e6:.4g} MB; cut out a part",
+            )
+    except OSError:
+        os.close(handle)
+        raise
+    return handle
+
+
+def check_regular(path: Path | str, most: int = LARGEST) -> int:
+    """Size in bytes of a regular file, for readers that open it themselves; raises as :func:`open_regular`."""
+    handle = open_regular(path, most)
+    try:
+        return os.fstat(handle).st_size
+    finally:
+        os.close(handle)
+
+
+def read_bytes(path: Path | str, most: int = LARGEST) -> bytes:
+    """Content of a regular file; raises as :func:`open_regular`."""
+    with os.fdopen(open_regular(path, most), "rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        content = file.read(size + 1)
+    if len(content) > size:
+        raise OSError(errno.EBUSY, "grew during reading; try again")
+    return content
+
+
+def read_text(path: Path | str, *, errors: str = "replace", most: int = LARGEST) -> str:
+    """Text of a regular file in UTF-8, any line ends as newlines; raises as :func:`open_regular`.
+
+    Raises
+    ------
+    UnicodeDecodeError
+        ``errors`` is ``strict`` and the text is not UTF-8.
+    """
+    text = read_bytes(path, most).decode("utf-8", errors)
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def most_unpacked(size: int) -> int:
+    """Largest unpacked size of a file of ``size`` bytes, bytes."""
+    return _LEAST_UNPACKED + _UNPACKED_PER_BYTE * size
+
+
+def check_unpacked(claimed: int, size: int, most: int | None = None) -> None:
+    """Check the unpacked size stated in a file's headers before unpacking.
+
+    Parameters
+    ----------
+    claimed : stated unpacked size, bytes
+    size : bytes of the file
+    most : bound in bytes; default :func:`most_unpacked`
+
+    Raises
+    ------
+    DataError
+        The stated size is larger.
+    """
+    most = most_unpacked(size) if most is None else most
+    if claimed > most:
+        raise DataError(
+            f"the file of {size} bytes claims to unpack to {claimed / 1e6:.6g} MB, above the limit of "
+            f"{most / 1e6:.4g} MB; it is damaged or malicious"
+        )
+
+
+def is_inside(name: str | Path, folder: Path) -> bool:
+    """Whether a path, relative to the folder or absolute, is inside it after following all links."""
+    try:
+        place = os.path.realpath(folder / name)
+    except (OSError, ValueError):  # longer than the system allows, or with a null character
+        return ".." not in Path(name).parts and not Path(name).is_absolute()
+    return Path(place).is_relative_to(os.path.realpath(folder))

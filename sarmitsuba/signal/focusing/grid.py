@@ -1,0 +1,269 @@
+"""Image grid from a radar and an image request."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.errors import DataError
+from sarmitsuba.radar.image_request import MAX_PIXELS, ImageRequest
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.signal.focusing.aperture_weights import (
+    ground_cell_area,
+    incidence_angle,
+    matched_weights,
+    pulse_ranges,
+    range_gradients,
+)
+from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.raw.raw_data import RawData
+
+# largest extent in cells of an image without a request
+_MAX_CELLS = 1024
+# largest pixel spacing as a part of the Nyquist spacing of the image's spectrum; half a cell of a plain geometry is 0.5
+_NYQUIST_FILL = 0.8
+# pulses weaker than this share of the strongest are ignored in the spectrum's extent
+_WEAK = 0.01
+
+
+def image_request(
+    raw: RawData | Radar, request: ImageRequest | Mapping[str, object] | None = None
+) -> ImageRequest:
+    """Image request: the data's own, else a default one, with the requested changes.
+
+    Parameters
+    ----------
+    raw : data, or only their radar
+    request : a whole image request, or a mapping with the fields to change, such as ``{"grid": "ground"}``; an extent
+        replaces a number of pixels. Centre and height are in the frame of the user's file, whatever the frame of the
+        data
+
+    Returns
+    -------
+    the request, in the frame of the radar; by default a square about the aim point inside the receive window
+
+    Raises
+    ------
+    DataError
+        The mapping has fields that no image request has.
+    """
+    radar = raw if isinstance(raw, Radar) else raw.radar
+    if isinstance(request, ImageRequest):
+        return request.in_frame(radar.offset)
+    changes: dict[str, Any] = dict(request or {})
+    known = {field.name for field in dataclasses.fields(ImageRequest)}
+    unknown = sorted(set(changes) - known)
+    if unknown:
+        raise DataError(f"image request: {', '.join(unknown)} unknown; it has {', '.join(sorted(known))}")
+    for axis in ("azimuth", "range"):  # a new extent counts, not an earlier number of pixels
+        if f"extent_{axis}" in changes:
+            changes.setdefault(f"pixels_{axis}", 0)
+    own = raw.request if isinstance(raw, RawData) else None
+    if own is None:
+        own = _request_from_window(radar)
+    if not changes:
+        return own.in_frame(radar.offset)
+    counted = own.in_frame(changes.get("offset", (0.0, 0.0, 0.0)))
+    return dataclasses.replace(counted, **changes).in_frame(radar.offset)
+
+
+def default_grid(
+    raw: RawData | Radar, request: ImageRequest | Mapping[str, object] | None = None
+) -> ImageGrid:
+    """Image grid of a request, of the data's own request, or of a default one about the aim point.
+
+    Parameters
+    ----------
+    raw, request : see :func:`image_request`; a pixel spacing of 0 means half a resolution cell, less where the image's
+        spectrum is wider
+
+    Returns
+    -------
+    ImageGrid that has a pixel exactly at the request's centre: in the middle, of an even number the one after it
+
+    Raises
+    ------
+    DataError
+        Invalid grid: the centre is on the wrong side or outside the recorded ranges, the plane is above the radar, an
+        extent or spacing is not positive, or there are too many pixels.
+    """
+    radar = raw if isinstance(raw, Radar) else raw.radar
+    request = image_request(raw, request)
+    _check_request(radar, request)
+    center = np.array([request.center_x, request.center_y, request.height])
+    natural = natural_spacing(radar, center, request.grid)
+    spacing_azimuth = request.spacing_azimuth or natural[0]
+    spacing_range = request.spacing_range or natural[1]
+    rows = request.pixels_azimuth or request.extent_azimuth / spacing_azimuth
+    if rows * max(1.0, request.pixels_range or request.extent_range / spacing_range) > MAX_PIXELS:
+        raise DataError(
+            f"image grid: {request.extent_azimuth:g} m x {request.extent_range:g} m in pixels of {spacing_azimuth:g} m "
+            f"x {spacing_range:g} m are more than {MAX_PIXELS} pixels; shrink the extents or widen the spacings"
+        )
+    along, across = radar.track.along, radar.across
+    origin = radar.track.center_position
+    ground = float((center - origin) @ across)
+    if ground <= 0.0:
+        raise DataError(
+            f"image grid: its centre lies {-ground:g} m behind the radar, on the side it does not look to; change "
+            "look_side or the "
+            "image's centre"
+        )
+    _check_recorded(radar, request)
+    half_azimuth, half_range = 0.5 * request.extent_azimuth, 0.5 * request.extent_range
+    if request.grid == "ground":
+        return ImageGrid(
+            kind="ground",
+            azimuth=_axis(0.0, half_azimuth, half_azimuth, spacing_azimuth, request.pixels_azimuth),
+            range=_axis(0.0, half_range, half_range, spacing_range, request.pixels_range),
+            origin=center,
+            along=along,
+            across=across,
+            height=float(request.height),
+            offset=radar.offset,
+            anchor=radar.anchor,
+        )
+    drop = float(origin[2] - request.height)
+    middle = float(np.hypot(ground, drop))
+    near = float(np.hypot(max(ground - half_range, 0.0), drop))
+    far = float(np.hypot(ground + half_range, drop))
+    axis = _axis(middle, middle - near, far - middle, spacing_range, request.pixels_range)
+    return ImageGrid(
+        kind="slant",
+        azimuth=_axis(
+            float((center - origin) @ along),
+            half_azimuth,
+            half_azimuth,
+            spacing_azimuth,
+            request.pixels_azimuth,
+        ),
+        range=axis[axis > abs(drop)],
+        origin=origin,
+        along=along,
+        across=across,
+        height=float(request.height),
+        offset=radar.offset,
+        anchor=radar.anchor,
+    )
+
+
+def _check_request(radar: Radar, request: ImageRequest) -> None:
+    """Raise a DataError for an invalid request."""
+    if request.grid not in ("slant", "ground"):
+        raise DataError(f"image grid: kind {request.grid!r} is unknown; it is slant or ground")
+    for name in ("center_x", "center_y", "height"):
+        if not np.isfinite(getattr(request, name)):
+            raise DataError(f"image grid: {name} = {getattr(request, name)} m is not a finite number")
+    extents = (request.extent_azimuth, request.extent_range)
+    if not (min(extents) > 0.0 and np.isfinite(extents).all()):
+        raise DataError(
+            f"image grid: extents {extents[0]:g} m and {extents[1]:g} m must be finite and above 0"
+        )
+    if min(request.pixels_azimuth, request.pixels_range) < 0:
+        raise DataError("image grid: a number of pixels is below 0; give 1 or more, or 0 for the extent")
+    spacings = (request.spacing_azimuth, request.spacing_range)
+    if not (min(spacings) >= 0.0 and np.isfinite(spacings).all()):
+        raise DataError(
+            f"image grid: pixel spacings {spacings[0]:g} m and {spacings[1]:g} m must be finite and above 0, or 0 for "
+            "half a cell"
+        )
+    top = float(radar.track.center_position[2])
+    if request.height >= top:
+        raise DataError(
+            f"image grid: its plane at height {request.height:g} m is not below the antenna at {top:g} m; lower it"
+        )
+
+
+def _check_recorded(radar: Radar, request: ImageRequest) -> None:
+    """Raise a DataError where no pulse recorded any slant range of the image."""
+    track, window = radar.track, radar.window
+    share = np.linspace(-0.5, 0.5, 9)
+    x, y = np.meshgrid(share * request.extent_azimuth, share * request.extent_range)
+    middle = np.array([request.center_x, request.center_y, request.height])
+    points = middle + x[..., None] * track.along + y[..., None] * radar.across
+    pick = np.unique(np.linspace(0, track.n_pulses - 1, 65).astype(int))
+    slant = pulse_ranges(radar, points.reshape(-1, 3), pick)
+    start = window.start_range[pick]
+    if not ((slant.max(axis=0) >= start) & (slant.min(axis=0) <= start + window.extent)).any():
+        raise DataError(
+            f"image grid: slant ranges of {slant.min():.6g} ... {slant.max():.6g} m were not recorded, only those of "
+            f"{start.min():.6g} ... {start.max() + window.extent:.6g} m; move the image's centre"
+        )
+
+
+def natural_spacing(radar: Radar, center: F64, kind: str) -> tuple[float, float]:
+    """Pixel spacings (azimuth, range) in m: half a cell, or less where a turned spectrum (squint) needs it.
+
+    Half the Nyquist spacing where the track encircles the image.
+
+    Parameters
+    ----------
+    radar : gives track, antenna and waveform
+    center : (3,) m, scene frame
+    kind : ``slant`` or ``ground``
+    """
+    weights = matched_weights(radar, center)
+    angle = float(incidence_angle(radar, center))
+    cell_range = radar.waveform.range_cell
+    area = ground_cell_area(radar, center, weights, "rectangular", lit_alike=True)
+    cell_azimuth = area * np.sin(angle) / cell_range
+    seen = weights > _WEAK * weights.max()
+    look = range_gradients(radar, center)[seen]
+    along = look @ radar.track.along
+    if kind == "ground":
+        cell_range /= np.sin(angle)
+        across = look @ radar.across
+    else:  # dR / d rho on the slant grid
+        across = np.sqrt(1.0 - along**2)
+    half = 0.5 * radar.waveform.bandwidth / radar.waveform.center_frequency
+    all_round = min(along.max(), -along.min(), across.max(), -across.min()) > 0.0
+    wavenumber = 4.0 * np.pi / radar.waveform.wavelength * np.array([1.0 - half, 1.0 + half])
+    nyquist = [2.0 * np.pi / np.ptp(np.outer(axis, wavenumber)) for axis in (along, across)]
+    if all_round:  # the spectrum is a ring, the same along both axes of the image
+        return float(0.5 * nyquist[0]), float(0.5 * nyquist[1])
+    return (
+        float(min(0.5 * cell_azimuth, _NYQUIST_FILL * nyquist[0])),
+        float(min(0.5 * cell_range, _NYQUIST_FILL * nyquist[1])),
+    )
+
+
+def _axis(center: float, below: float, above: float, spacing: float, count: int = 0) -> F64:
+    """Uniform axis with a sample at ``center`` that covers ``below`` and ``above`` it, or of ``count`` samples."""
+    if count:
+        return np.asarray(center + spacing * (np.arange(count) - count // 2))
+    index = np.arange(-int(np.ceil(below / spacing - 1e-9)), int(np.ceil(above / spacing - 1e-9)) + 1)
+    return np.asarray(center + spacing * index)
+
+
+def _request_from_window(radar: Radar) -> ImageRequest:
+    """Square on the ground about the aim point that stays inside the receive window and the unambiguous azimuth."""
+    aim = radar.aim_point
+    window, position = radar.window, radar.track.position
+    r = pulse_ranges(radar, aim)
+    inside = float(min((r - window.start_range).min(), (window.start_range + window.extent - r).min()))
+    if inside <= 0.0:
+        raise DataError(
+            "image grid: the aim point lies outside the receive window; give the image's centre and extents"
+        )
+    ground = 0.9 * 2.0 * inside / float(np.sin(incidence_angle(radar, aim)))
+    weights = matched_weights(radar, aim)
+    spacing = natural_spacing(radar, aim, "slant")
+    if not weights.any():
+        raise DataError(
+            "image grid: the beam never reaches the aim point; give the image's centre and extents"
+        )
+    step = float(np.linalg.norm(np.diff(position, axis=0), axis=1).mean())
+    ambiguity = radar.waveform.wavelength * float(r.mean()) / (2.0 * step)
+    return ImageRequest(
+        grid="slant",
+        center_x=float(aim[0]),
+        center_y=float(aim[1]),
+        height=float(aim[2]),
+        extent_azimuth=min(ground, 0.8 * ambiguity, 2 * _MAX_CELLS * spacing[0]),
+        extent_range=min(ground, 2 * _MAX_CELLS * spacing[1]),
+        spacing_azimuth=0.0,
+        spacing_range=0.0,
+        offset=(float(radar.offset[0]), float(radar.offset[1]), float(radar.offset[2])),
+    )

@@ -1,0 +1,350 @@
+"""Block synthesis: paths are added once to a (range, range rate) grid, from which all K pulses are computed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from sarmitsuba.core.arrays import C64, F64
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.signal.raw.block_beam import step_within_beam
+from sarmitsuba.signal.raw.direct import box_distance
+from sarmitsuba.signal.raw.gridding import (
+    FineGrid,
+    GriddingKernel,
+    fine_grid,
+    gridding_kernel,
+)
+from sarmitsuba.signal.raw.pulse_motion import InPulse, widest_shift
+from sarmitsuba.signal.raw.range_curvature import Curvature, KeyState, fit_curvature, key_state, sample_paths
+
+_GUARD = 48
+# error of the synthesis itself, dB: shifts by the curvature are first order over the band; its range-rate part has none
+_LEFT_DB = -84.0
+
+
+@dataclass(frozen=True, eq=False)
+class BlockPlan:
+    r"""Grid and geometry of one block of pulses ``start:stop`` about the key pulse ``key``.
+
+    A path of slant range h and amplitude a (constant within the block) is added once. With the antennas in their
+    ``state`` of the key pulse::
+
+        R0 = h - reference_range                                   (float64)
+        range_rate = dh/dt - reference_rate
+        x = (R0 - range0) / range_step,  y = (range_rate - range_rate0) / range_rate_step
+        grid[layer, i, j] += a exp(-j 4 pi fc R0 / c) phi(x - i) phi(y - j)
+
+    with ``phi`` the taps of ``kernel`` along range and of ``range_rate_kernel`` along the range rate. Contributions
+    must satisfy ``margin <= x <= n_range - 1 - margin`` and alike for y, with the kernels' ``margin``; the box
+    given to ``plan_block`` guarantees it for all paths that stay inside, anything else must be masked.
+
+    Parameters
+    ----------
+    key, start, stop : pulse indices; ``start <= key < stop``
+    state : antennas at the key time; ``range_rate`` refers to its velocities, not to those of the tracks
+    reference : (3,) float64, m, scene frame; P_ref
+    reference_range, reference_rate : slant range of ``reference`` at the key time, m, and its change, m/s
+    range0, range_step, n_range : slant range of cell 0, cell (m) and number of cells along range
+    range_rate0, range_rate_step, n_range_rate : the same along the range rate, m/s
+    width, range_rate_width : of the gridding kernels
+    n_inner : length of the FFT over the grid's range axis
+    guard : cells before the grid within ``n_inner``, for the compact response and the range walk
+    fine : resampling of the profiles to the window's samples
+    curvature : slant range beyond ``R0 + range_rate tau``
+    geometry_error_db : worst over the box's sample points of the rms phase error over the block, dB
+    kernel_error_db : rms error of the two gridding kernels, dB
+    in_pulse : motion of the antenna within the key pulse; None: start-stop approximation
+    """
+
+    start: int
+    stop: int
+    state: KeyState
+    reference: F64
+    reference_range: float
+    reference_rate: float
+    range0: float
+    n_range: int
+    range_rate0: float
+    range_rate_step: float
+    n_range_rate: int
+    width: int
+    range_rate_width: int
+    n_inner: int
+    guard: int
+    fine: FineGrid
+    curvature: Curvature
+    geometry_error_db: float
+    kernel_error_db: float
+    in_pulse: InPulse | None = None
+
+    @property
+    def key(self) -> int:
+        """Number of the key pulse."""
+        return self.state.key
+
+    @property
+    def tau(self) -> F64:
+        """Pulse times (K,) relative to the key pulse, float64, s."""
+        return self.state.tau
+
+    @property
+    def range_step(self) -> float:
+        """Cell along range, m."""
+        return self.fine.range_step
+
+    @property
+    def n_pulses(self) -> int:
+        """Number of pulses of the block, K."""
+        return self.stop - self.start
+
+    @property
+    def predicted_error_db(self) -> float:
+        """Expected relative error of geometry, kernels and synthesis together, dB."""
+        parts = (self.geometry_error_db, self.kernel_error_db, _LEFT_DB)
+        return float(10.0 * np.log10(sum(10.0 ** (part / 10.0) for part in parts)))
+
+    @property
+    def kernel(self) -> GriddingKernel:
+        """Gridding kernel along range."""
+        return gridding_kernel(self.width)
+
+    @property
+    def range_rate_kernel(self) -> GriddingKernel:
+        """Gridding kernel along the range rate."""
+        return gridding_kernel(self.range_rate_width)
+
+    def shape(self, n_layers: int) -> tuple[int, int, int]:
+        """Shape of the complex64 grid, (n_layers, n_range, n_range_rate)."""
+        return (n_layers, self.n_range, self.n_range_rate)
+
+
+def plan_block(
+    radar: Radar,
+    start: int,
+    stop: int,
+    reference: F64,
+    box: F64,
+    width: int = 4,
+    *,
+    extra_slant_range: float = 0.0,
+    extra_range_rate: float = 0.0,
+    range_rate_width: int | None = None,
+) -> BlockPlan:
+    """Plan of a block: grid of the pulses ``start:stop``, and curvature fitted over the box.
+
+    Parameters
+    ----------
+    radar : track, waveform and window
+    start, stop : pulse indices
+    reference : (3,) float64, m, scene frame; P_ref, best near the middle of the box
+    box : (2, 3) float64, m, scene frame; bounds of all phase centres
+    width, range_rate_width : of the gridding kernels along range and range rate (default: the same)
+    extra_slant_range : half the largest extra path length by multiple reflections, m
+    extra_range_rate : largest change of a range rate by motion in the scene, m/s
+
+    Notes
+    -----
+    Ignores changes of a path's amplitude within the block (beam, spreading, visibility).
+    The curvature is the least-squares fit, pulse by pulse, of the exact slant ranges of sample paths: points
+    throughout the box and, with ``extra_slant_range``, mirror images behind it and pairs of both. It is valid for
+    any track; the residual is the plan's ``geometry_error_db``.
+    """
+    reference = np.asarray(reference, dtype=np.float64)
+    box = np.asarray(box, dtype=np.float64)
+    range_rate_width = width if range_rate_width is None else range_rate_width
+    cell, window, fc = radar.waveform.range_cell, radar.window, radar.waveform.center_frequency
+    state = key_state(radar, start, stop)
+    centers, partners = sample_paths(box, state.position[0], extra_slant_range)
+    if len(state.position) > 1:  # the leg of either antenna may be the mirrored one
+        centers, partners = np.concatenate([centers, partners]), np.concatenate([partners, centers])
+    fit = fit_curvature(radar, start, stop, reference, centers, partners)
+
+    # range axis: exact bounds of the box; range-rate axis: those of the samples and 2 % more
+    reference_range = state.slant_range(reference)
+    near, far = (float(d.mean()) for d in box_distance(box, state.position))
+    far += extra_slant_range
+    slack = 0.02 * np.ptp(fit.range_rate) + 1e-9 * float(np.linalg.norm(state.velocity[0])) + extra_range_rate
+    range_rate_low, range_rate_high = float(fit.range_rate.min() - slack), float(fit.range_rate.max() + slack)
+    kernel, range_rate_kernel = gridding_kernel(width), gridding_kernel(range_rate_width)
+    reach = float(np.abs(state.tau).max())
+    s_max = 4.0 * np.pi * (fc + 0.5 * radar.waveform.bandwidth) / SPEED_OF_LIGHT * reach
+    range_rate_step = 0.5 * np.pi / s_max if s_max > 0.0 else max(range_rate_high - range_rate_low, 1.0)
+    range_rate_step = min(range_rate_step, step_within_beam(radar, start, stop, range_rate_kernel, s_max))
+    n_range_rate = (
+        int(np.ceil((range_rate_high - range_rate_low) / range_rate_step)) + 2 * range_rate_kernel.margin + 2
+    )
+
+    # the window against the block's contributions, both relative to the reference range of each pulse
+    walk = max(abs(range_rate_low), abs(range_rate_high)) * reach + 2.0 * cell
+    walk += widest_shift(radar, box, slice(start, stop))
+    reference_track = radar.slant_range(reference, slice(start, stop))
+    first = window.start_range[start:stop] - reference_track
+    low = float(first.min()) - (far - reference_range) - walk
+    high = float(first.max()) + window.extent - (near - reference_range) + walk
+    guard = _GUARD + int(np.ceil(walk / (0.5 * cell) * 1.05))
+    n_cells = int(np.ceil((far - near) / (0.5 * cell) * 1.05)) + 2 * kernel.margin + 2
+    fine = fine_grid(cell, window.sample_spacing, low, high, int(1.1 * (n_cells + 2 * guard)) + 8)
+    n_range = int(np.ceil((far - near) / fine.range_step)) + 2 * kernel.margin + 2
+    n_inner = min(int(scipy.fft.next_fast_len(n_range + 2 * guard)), fine.n_fine)
+    error = float(np.sqrt(fit.error.max()))
+    return BlockPlan(
+        start=start,
+        stop=stop,
+        state=state,
+        reference=reference,
+        reference_range=reference_range,
+        reference_rate=state.rate(reference),
+        range0=near - reference_range - (kernel.margin + 0.5) * fine.range_step,
+        n_range=n_range,
+        range_rate0=range_rate_low - (range_rate_kernel.margin + 0.5) * range_rate_step,
+        range_rate_step=range_rate_step,
+        n_range_rate=n_range_rate,
+        width=width,
+        range_rate_width=range_rate_width,
+        n_inner=n_inner,
+        guard=guard,
+        fine=fine,
+        curvature=fit.curvature,
+        geometry_error_db=20.0 * float(np.log10(max(error, 1e-10))),
+        kernel_error_db=_kernel_error_db(width, range_rate_width),
+        in_pulse=InPulse.of(radar, slice(state.key, state.key + 1)),
+    )
+
+
+def choose_block_length(
+    radar: Radar,
+    reference: F64,
+    box: F64,
+    width: int = 4,
+    target_error_db: float = -40.0,
+    *,
+    extra_slant_range: float = 0.0,
+    max_length: int = 128,
+    max_cells: int = 2**22,
+) -> int:
+    """Largest block length K whose error is below the target all along the track; 1 where there is none.
+
+    The error of every block examined (all of them, or 24 spread over a long track) is the worst one of the
+    box's sample paths, exact slant ranges against the model, and the kernels'. A kernel too narrow for the
+    target counts as meeting it, since shorter blocks would not reduce its error. Blocks shorter than 8 pulses
+    cost more than the direct accumulator and are not considered.
+
+    Parameters
+    ----------
+    target_error_db : relative rms error of the data, dB, below 0
+    max_length : largest K to try, apart from the sixteenth that may avoid a last block of few pulses
+    max_cells : bound on the cells of one layer's grid
+    (the others as for :func:`plan_block`)
+    """
+    n_pulses = radar.track.n_pulses
+    kernel = 10.0 ** (_kernel_error_db(width, width) / 10.0)
+    budget = 10.0 ** (least_error_db(width, target_error_db) / 10.0) - kernel
+    for longest in (512, 384, 256, 192, 128, 96, 64, 48, 32, 24, 16, 12, 8):
+        if longest > max_length or longest > n_pulses:
+            continue
+        length = _even(n_pulses, longest)
+        starts = np.unique(np.linspace(0, n_pulses - length, min(-(-n_pulses // length), 24)).astype(int))
+        order = np.argsort(-np.abs(starts - 0.5 * (n_pulses - length)))  # the outermost fail first
+        if all(
+            # a block reaches up to the first pulse of the next one
+            _holds(
+                radar,
+                int(s),
+                min(length + 1, n_pulses - int(s)),
+                reference,
+                box,
+                extra_slant_range,
+                budget,
+                width,
+                max_cells,
+            )
+            for s in starts[order]
+        ):
+            return length
+    return 1
+
+
+def _even(n_pulses: int, length: int) -> int:
+    """Block length of about ``length``, up to a sixteenth more, such that no short block remains.
+
+    A short block would cost a tracing like all others, and a separate kernel for the size of its grid.
+    """
+    count = max(1, int(np.ceil(n_pulses / length - 1.0 / 16.0)))
+    return -(-n_pulses // count)
+
+
+def least_error_db(width: int, target_error_db: float) -> float:
+    """Error bound for blocks, dB: the target, or twice the error power of kernels of this width."""
+    return max(target_error_db, _kernel_error_db(width, width) + 10.0 * float(np.log10(2.0)))
+
+
+def _holds(
+    radar: Radar,
+    start: int,
+    length: int,
+    reference: F64,
+    box: F64,
+    extra: float,
+    budget: float,
+    width: int,
+    max_cells: int,
+) -> bool:
+    plan = plan_block(radar, start, start + length, reference, box, width, extra_slant_range=extra)
+    if 10.0 ** (plan.geometry_error_db / 10.0) > budget:
+        return False
+    return plan.n_range * plan.n_range_rate <= max_cells
+
+
+def _kernel_error_db(width: int, range_rate_width: int) -> float:
+    power = sum(10.0 ** (gridding_kernel(w).error_db / 10.0) for w in (width, range_rate_width))
+    return float(10.0 * np.log10(power))
+
+
+def spread_reference(
+    plan: BlockPlan,
+    radar: Radar,
+    range_offset: F64,
+    range_rate: F64,
+    amplitude: NDArray[np.complexfloating],
+) -> C64:
+    """Spread paths in NumPy: what the tracing kernel does, for tests and small jobs.
+
+    Parameters
+    ----------
+    range_offset : (n_paths,) float64, m; R0 of the plan
+    range_rate : (n_paths,) float64, m/s
+    amplitude : (n_layers, n_paths) complex, sqrt(W)
+
+    Returns
+    -------
+    (n_layers, n_range, n_range_rate) complex64
+    """
+    kernels = (plan.kernel, plan.range_rate_kernel)
+    position = (
+        (range_offset - plan.range0) / plan.range_step,
+        (range_rate - plan.range_rate0) / plan.range_rate_step,
+    )
+    base = [np.floor(p + k.shift) for p, k in zip(position, kernels, strict=True)]
+    taps = [k.taps(p + k.shift - q) for p, q, k in zip(position, base, kernels, strict=True)]
+    i, j = (q.astype(np.int64) - k.lead for q, k in zip(base, kernels, strict=True))
+    wavenumber = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
+    phase_factor = np.exp(-1j * np.mod(wavenumber * range_offset, 2.0 * np.pi))
+    grid = np.zeros(plan.shape(len(amplitude)), dtype=np.complex128)
+    for layer, a in enumerate(amplitude):
+        for p in range(plan.width):
+            for q in range(plan.range_rate_width):
+                np.add.at(grid[layer], (i + p, j + q), a * phase_factor * taps[0][p] * taps[1][q])
+    return grid.astype(np.complex64)
+
+
+__all__ = [
+    "BlockPlan",
+    "Curvature",
+    "choose_block_length",
+    "least_error_db",
+    "plan_block",
+    "spread_reference",
+]

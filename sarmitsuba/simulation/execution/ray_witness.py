@@ -1,0 +1,142 @@
+"""Witness of the ray spacing: a drawn share of the rays against four rays in place of each, at half the spacing.
+
+Two sets of rays of one spacing err alike where all tubes are too wide; half the spacing shows it. Cells of a lattice
+are tiled exactly by the cells of their parts, so that the difference of the two is the error of the rays drawn, and
+nothing else. Rays are drawn evenly over the lattice in groups: what groups have in common is the error of the spacing,
+what they differ by is the chance of the draw.
+"""
+
+import math
+import warnings
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import scipy
+
+from sarmitsuba.core.arrays import C64, F64
+from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.core.witness import USELESS_DB, Witness
+from sarmitsuba.simulation.planning.sampling.chains import every_nth, halved
+from sarmitsuba.tracing.kernel.launch import LaunchGrid
+
+# rays drawn at first, of a lattice with more; rays that are drawn together: terms of common sides of tubes cancel among
+# them; groups
+DRAWN, RUN, GROUPS = 40_000, 64, 4
+# dB, error below which the ray spacing is not refined further
+FINE_DB = -15.0
+# dB, error from which a contradiction to two sets of rays is said
+SAID_DB = -20.0
+# factor by which more rays are drawn where the draw leaves open whether that is met, and most that are drawn then,
+# also of a lattice with few
+MORE, MOST_DRAWN, WHOLE = 4, 100_000, 300_000
+# confidence from which what groups have in common is not the chance of the draw
+SEEN = 0.99
+# dB, energy of a channel relative to the strongest below which it does not count
+EMPTY_DB = -60.0
+# most rays of a lattice of half the spacing
+MOST_RAYS = 16_000_000
+
+
+def witness_rays(
+    profiles: Callable[[Sequence[LaunchGrid]], C64],
+    lattices: Sequence[LaunchGrid],
+    energy: F64,
+    two_sets_db: float,
+    seed: int,
+) -> Witness | None:
+    """Error by the spacing of the rays for coherent returns, and by the scatter of two sets; None without such rays.
+
+    Parameters
+    ----------
+    profiles : echoes (n_channels, ...) of some rays of one pulse or look, all of the same weight
+    lattices : of one ray set
+    energy : (n_channels,) of the echoes of all rays and sources of this pulse or look
+    two_sets_db : error measured by the difference of two ray sets, worst channel, dB; NaN: there is one set
+    seed : of the draw
+
+    Returns
+    -------
+    Witness of the worst channel: the error of the spacing and that of two sets together. The law is the latter alone
+    """
+    coherent = [grid for grid in lattices if grid.purpose != "diffuse"]
+    n_rays = sum(grid.n_rays for grid in coherent)
+    counted = energy > 10.0 ** (0.1 * EMPTY_DB) * energy.max(initial=0.0)
+    if not n_rays or not counted.any():
+        return None
+    rng = np.random.default_rng([seed & 0x7FFFFFFF, 0x3A75])
+    step = max(1, -(-n_rays // DRAWN))
+    while True:
+        common, chance = _differences(profiles, coherent, step, rng)
+        error, spread = (float((x[counted] / energy[counted]).max()) for x in (common, chance))
+        finer = max(1, step // MORE)
+        most = WHOLE if n_rays <= WHOLE else MOST_DRAWN
+        if step == 1 or _db(error + 2.0 * spread) <= FINE_DB or n_rays > finer * most:
+            break
+        step = finer
+    scatter = 0.0 if math.isnan(two_sets_db) else 10.0 ** (0.1 * two_sets_db)
+    return Witness(
+        _db(error + scatter),
+        _db(error + 2.0 * spread + scatter),
+        -(-n_rays // step),
+        two_sets_db,
+        "rays at half the spacing, and two sets of rays" if scatter else "rays at half the spacing",
+    )
+
+
+def _differences(
+    profiles: Callable[[Sequence[LaunchGrid]], C64],
+    lattices: Sequence[LaunchGrid],
+    step: int,
+    rng: np.random.Generator,
+) -> tuple[F64, F64]:
+    """Energy of the change by half the spacing, without bias by the draw, and the chance of the draw; (n_channels,)."""
+    groups = GROUPS if step > 1 else 1
+    first = int(rng.integers(step))
+    change = []
+    for k in range(groups):
+        drawn = [every_nth(grid, step * groups, first + k * step, RUN) for grid in lattices]
+        drawn = [grid for grid in drawn if grid.n_rays]
+        if drawn:
+            step_of = np.float32(step * groups)
+            change.append(step_of * (profiles([halved(grid) for grid in drawn]) - profiles(drawn)))
+    each = np.stack(change)
+    mean = each.mean(axis=0)
+    axes = tuple(range(1, mean.ndim))
+    common = np.square(np.abs(mean), dtype=np.float64).sum(axis=axes)
+    if len(each) < 2:
+        return common, np.zeros_like(common)
+    apart = np.square(np.abs(each - mean), dtype=np.float64).sum(axis=0)
+    n = len(each)
+    chance = apart.sum(axis=axes) / (n * (n - 1))
+    # what the chance of the draw alone may well give is not seen: an F test, with as many degrees of freedom as samples
+    # that carry the chance
+    carry = np.square(apart.sum(axis=axes)) / np.maximum(np.square(apart).sum(axis=axes), 1e-300)
+    limit = scipy.special.fdtri(2.0 * np.maximum(carry, 1.0), 2.0 * (n - 1) * np.maximum(carry, 1.0), SEEN)
+    return np.where(common > limit * chance, common - chance, 0.0), chance
+
+
+def say_rays(name: str, witness: Witness) -> str:
+    """Text on rays whose measured error is large, or high and far above that of two sets; empty for none.
+
+    It is a warning where two sets of rays say so, too. The witness alone counts all echoes of one pulse, also those of
+    large errors far from what the image shows.
+    """
+    measured = f"{name}: the error of the rays at one pulse, measured against half their spacing, is"
+    if witness.useless and witness.law_db > USELESS_DB:
+        text = f"{measured} {witness.error_db:.1f} dB: the image is not usable; set a smaller ray_spacing"
+        warnings.warn(text, SarmitsubaWarning, stacklevel=4)
+        return text
+    if witness.contradicts and witness.error_db > SAID_DB:
+        return f"{measured} {witness.error_db:.1f} dB; a smaller ray_spacing lowers it"
+    return ""
+
+
+def may_halve(lattices: Sequence[Sequence[LaunchGrid]]) -> bool:
+    """Whether the bound on rays allows half the spacing."""
+    return all(
+        4 * grid.n_rays <= MOST_RAYS for grids in lattices for grid in grids if grid.purpose != "diffuse"
+    )
+
+
+def _db(energy: float) -> float:
+    return 10.0 * math.log10(energy) if energy > 0.0 else -math.inf

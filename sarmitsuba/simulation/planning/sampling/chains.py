@@ -1,0 +1,340 @@
+"""Denser rays where a path meets, after its first reflection, a surface that its ray lattice is too coarse for.
+
+A lattice is as dense as the facet that its rays hit *first* needs. Ground and walls are content with tubes of several
+wavelengths, but behind them the same tubes meet posts, tanks and other curved or small bodies. The cells of the lattice
+(squares about its rays) from which that happens are therefore divided, as a quadtree, until the tubes are as narrow as
+the later hits need. A divided cell keeps its ray for the first hit; the rays of its parts serve all later ones. Parts
+tile their cell exactly, so that every order of bounce is counted once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.core.arrays import F64, I64
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.machine.backend import dr, mi
+from sarmitsuba.simulation.planning.sampling.small_parts import Shortfall
+from sarmitsuba.tracing.kernel.kernel import trace
+from sarmitsuba.tracing.kernel.launch import LatticeLevel, LaunchFrame, LaunchGrid, PulseBatch, Serves, morton
+from sarmitsuba.tracing.kernel.state import Kernel, KernelSettings
+from sarmitsuba.tracing.kernel.table_rows import FaceRow
+
+if TYPE_CHECKING:
+    from sarmitsuba.radar.antenna import Antenna
+    from sarmitsuba.tracing.kernel.kernel import LaneArrays
+    from sarmitsuba.tracing.kernel.scene_tables import TraceScene
+    from sarmitsuba.tracing.kernel.state import Contribution, Hit, RayState
+
+# bound on the rays that divided cells add: a number, or a share of the lattice's rays where that is larger
+MOST_RAYS, SHARE = 600_000, 0.5
+# finest rays behind mirrors, wavelengths, and factor on what a facet needs up to which its rays are left as they are
+FINEST, ENOUGH = 1.0 / 9.0, 1.001
+# rays of the first search: a lattice with fewer is searched with several rays a cell, as narrow bodies hide between
+SEARCHED = 200_000
+# rays up to which all antenna positions search, and lanes of one launch
+FEW, MAX_LANES = 300_000, 4_000_000
+# bounces that are followed, the same for all depths of runs so that their rays are; halvings of a cell at a time, and
+# in all
+DEPTH, STEP, MOST_STEPS = 4, 2, 12
+
+
+def with_divided_cells(
+    grid: LaunchGrid,
+    scene: TraceScene,
+    frame: LaunchFrame,
+    antennas: F64,
+    wavelength: float,
+    max_depth: int,
+    antenna: Antenna,
+) -> tuple[LaunchGrid, Shortfall | None]:
+    """Lattice whose cells are divided where later hits of their rays need denser ones.
+
+    Parameters
+    ----------
+    grid : lattice with the finer levels over small parts
+    scene : at the time of the pulses
+    frame : launch plane of the lattice
+    antennas : (n, 3) m, positions that bound the aperture
+    wavelength : m
+    max_depth : most bounces of the run
+    antenna : of the radar; its pattern does not matter
+
+    Returns
+    -------
+    lattice, and what is still too coarse because of the bound on rays (None if nothing)
+
+    Notes
+    -----
+    Ignores slabs that let waves through (their reflection is followed), and bodies so small that every ray of the
+    search misses them.
+    """
+    need = np.maximum(scene.needs[0], FINEST * wavelength)
+    if grid.purpose == "diffuse" or max_depth < 2 or not (need < grid.spacing / ENOUGH).any():
+        return grid, None
+    search = _Search(grid, scene, frame, antennas, wavelength, antenna)
+    roots = _roots(grid)
+    lacks = search.of_roots(roots)
+    if not any((lack > ENOUGH).any() for lack in lacks):
+        return grid, None
+    division = _Division(grid, max(MOST_RAYS, SHARE * grid.n_rays))
+    open_ = list(zip(roots, lacks, strict=True))
+    while open_:
+        parts = division.divide(open_)
+        open_ = list(zip(parts, search.of_cells(parts), strict=True))
+    return division.lattice(), division.shortfall()
+
+
+class _Division:
+    """Cells of a lattice that are divided step by step; all steps together add at most ``left`` rays."""
+
+    def __init__(self, grid: LaunchGrid, left: float) -> None:
+        self.grid, self.left, self.short = grid, left, 0.0
+        self.done: dict[Serves, list[_Cells]] = {"all": [], "first": [], "later": []}
+
+    def divide(self, open_: Sequence[tuple[_Cells, F64]]) -> list[_Cells]:
+        """Divide cells of which some or their neighbours lack rays (n,); returns parts that may still lack some."""
+        wanted = [(cells, cells.spread(lack)) for cells, lack in open_]
+        most = max(float(lack.max(initial=0.0)) for _, lack in wanted)
+        steps = 1 if most <= 2.0 * ENOUGH else STEP
+        count = sum(int((lack > ENOUGH).sum()) for _, lack in wanted)
+        while steps and count * 4.0**steps > self.left:
+            steps -= 1
+        if not steps:
+            self.short = max(self.short, most)
+        self.left -= count * 4.0**steps if steps else 0.0
+        still = []
+        for cells, lack in wanted:
+            split = (lack > ENOUGH) & (steps > 0) & (cells.depth < MOST_STEPS)
+            self.done["later" if cells.depth else "all"].append(cells.of(~split))
+            if not cells.depth:
+                self.done["first"].append(cells.of(split))
+            parts = cells.of(split).parts(steps, self.grid.turn)
+            more = np.repeat(lack[split] / 2.0**steps, 4**steps) > ENOUGH
+            self.done["later"].append(parts.of(~more))
+            still.append(parts.of(more))
+        return [cells for cells in still if cells.n]
+
+    def shortfall(self) -> Shortfall | None:
+        """What is still too coarse because of the bound on rays."""
+        if self.short <= ENOUGH:
+            return None
+        spacing = min((cells.spacing for cells in self.done["later"] if cells.n), default=self.grid.spacing)
+        return Shortfall(self.grid.purpose, 0.0, spacing, spacing / self.short, chains=True)
+
+    def lattice(self) -> LaunchGrid:
+        """Lattice of all cells, those of one size and kind together and in Morton order."""
+        return _joined(self.grid, self.done)
+
+
+def halved(grid: LaunchGrid) -> LaunchGrid:
+    """Lattice with four rays in the cell of each: the same in all else, at half the spacing."""
+    done: dict[Serves, list[_Cells]] = {"all": [], "first": [], "later": []}
+    for cells in _roots(grid):
+        done[grid.every_level[cells.level].serves].append(cells.parts(1, grid.turn))
+    return replace(_joined(grid, done), spacing=0.5 * grid.spacing)
+
+
+def every_nth(grid: LaunchGrid, n: int, first: int, run: int = 1) -> LaunchGrid:
+    """Every ``n``-th run of rays of a lattice, spread evenly, as neighbours in memory are near in space.
+
+    Parameters
+    ----------
+    n, first : distance of the runs, and number of the first
+    run : rays of each
+    """
+    rows = np.flatnonzero(np.arange(grid.n_rays) // run % n == first)
+    counts = np.bincount(grid.level[rows], minlength=len(grid.every_level))
+    start = np.cumsum([0, *counts[:-1]])
+    levels = tuple(replace(one, first=int(k)) for one, k in zip(grid.every_level, start, strict=True))
+    return replace(grid, x=grid.x[rows], y=grid.y[rows], levels=levels)
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """Square cells of one size about rays.
+
+    Parameters
+    ----------
+    xy : (n, 2) float64, m, middles in the launch plane
+    ij : (n, 2) int64, row and column in the lattice of this size
+    level : number of the lattice level that they belong to, with its ``needs``
+    depth : halvings of that level's spacing
+    spacing : m, edge
+    needs : see :class:`LatticeLevel`
+    """
+
+    xy: F64
+    ij: I64
+    level: int
+    depth: int
+    spacing: float
+    needs: tuple[float, float]
+
+    @property
+    def n(self) -> int:
+        """Number of cells."""
+        return len(self.xy)
+
+    def of(self, kept: NDArray[np.bool_]) -> _Cells:
+        """Some of the cells."""
+        return replace(self, xy=self.xy[kept], ij=self.ij[kept])
+
+    def parts(self, steps: int, turn: float) -> _Cells:
+        """Parts of all cells, halved ``steps`` times along both axes, cell by cell."""
+        m = 2**steps
+        index = np.stack(np.meshgrid(np.arange(m), np.arange(m), indexing="ij"), axis=-1).reshape(-1, 2)
+        c, s = np.cos(turn), np.sin(turn)
+        offset = ((index + 0.5) / m - 0.5) * self.spacing @ np.array([[c, s], [-s, c]])
+        xy = (self.xy[:, None] + offset).reshape(-1, 2)
+        ij = (m * self.ij[:, None] + index).reshape(-1, 2)
+        return _Cells(xy, ij, self.level, self.depth + steps, self.spacing / m, self.needs)
+
+    def spread(self, lack: F64) -> F64:
+        """Largest lack (n,) of each cell and its eight neighbours."""
+        out = lack.copy()
+        marked = np.flatnonzero(lack > ENOUGH)
+        if not marked.size:
+            return out
+        low = self.ij.min(axis=0) - 1
+        columns = int(self.ij[:, 1].max() - low[1]) + 2
+        key = (self.ij[:, 0] - low[0]) * columns + self.ij[:, 1] - low[1]
+        order = np.argsort(key, kind="stable")
+        known = key[order]
+        for step in (i * columns + j for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j):
+            wanted = key[marked] + step
+            place = np.minimum(np.searchsorted(known, wanted), known.size - 1)
+            there = known[place] == wanted
+            np.maximum.at(out, order[place[there]], lack[marked[there]])
+        return out
+
+
+def _roots(grid: LaunchGrid) -> list[_Cells]:
+    """Cells of every level of a lattice."""
+    c, s = np.cos(grid.turn), np.sin(grid.turn)
+    xy = np.stack([grid.x, grid.y], axis=1).astype(np.float64)
+    number, found = grid.level, []
+    for k, level in enumerate(grid.every_level):
+        own = xy[number == k]
+        if not len(own):
+            continue
+        ij = np.rint((own - own[0]) @ np.array([[c, -s], [s, c]]) / level.spacing).astype(np.int64)
+        found.append(_Cells(own, ij, k, 0, level.spacing, level.needs))
+    return found
+
+
+def _joined(grid: LaunchGrid, done: Mapping[Serves, Sequence[_Cells]]) -> LaunchGrid:
+    """Lattice of cells by the bounces that they serve, those of one size and kind together and in Morton order."""
+    radius = float(np.hypot(grid.half_x + grid.taper, grid.half_y + grid.taper)) + grid.spacing
+    xy, levels, first = [], [], 0
+    for serves, every in done.items():
+        for level, depth in sorted({(cells.level, cells.depth) for cells in every if cells.n}):
+            alike = [c for c in every if (c.level, c.depth) == (level, depth)]
+            points = np.concatenate([c.xy for c in alike])
+            points = points[np.argsort(morton(points[:, 0], points[:, 1], radius), kind="stable")]
+            levels.append(LatticeLevel(first, alike[0].spacing, alike[0].needs, serves))
+            xy.append(points.astype(np.float32))
+            first += len(points)
+    x, y = np.ascontiguousarray(np.concatenate(xy).T)
+    return replace(grid, x=x, y=y, levels=tuple(levels))
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Tracing of cells from bounding antenna positions: how much too wide their tubes are at later hits."""
+
+    grid: LaunchGrid
+    scene: TraceScene
+    frame: LaunchFrame
+    antennas: F64
+    wavelength: float
+    antenna: Antenna
+
+    def of_roots(self, roots: list[_Cells]) -> list[F64]:
+        """As :meth:`of_cells`, with several rays a cell where there are few cells."""
+        n, steps = sum(cells.n for cells in roots), 0
+        finest = FINEST * self.wavelength
+        while n * 4 ** (steps + 1) <= SEARCHED and self.grid.spacing * 2.0 ** -(steps + 1) >= finest:
+            steps += 1
+        if not steps:
+            return self.of_cells(roots)
+        parts = self.of_cells([cells.parts(steps, self.grid.turn) for cells in roots])
+        return [2.0**steps * lack.reshape(-1, 4**steps).max(axis=1) for lack in parts]
+
+    def of_cells(self, groups: list[_Cells]) -> list[F64]:
+        """Largest width of each cell's tube at hits after the first, over what the facet there needs; (n,) each.
+
+        Many cells are searched from the middle position alone.
+        """
+        views = self.antennas
+        if sum(cells.n for cells in groups) > FEW:
+            views = views[len(views) // 2][None]
+        found = []
+        for cells in groups:
+            step = MAX_LANES // len(views)
+            rows = [self._lack(cells.xy[i : i + step], cells, views) for i in range(0, cells.n, step)]
+            found.append(np.concatenate(rows) if rows else np.zeros(0))
+        return found
+
+    def _lack(self, xy: F64, cells: _Cells, views: F64) -> F64:
+        x, y = np.ascontiguousarray(xy.T.astype(np.float32))
+        level = LatticeLevel(0, cells.spacing, cells.needs)
+        grid = replace(self.grid, x=x, y=y, spacing=cells.spacing, levels=(level,), pulses=None)
+        settings = KernelSettings(self.wavelength, DEPTH, 1.0, 0, 1.0, 1.0)
+        batch = PulseBatch(views, np.zeros_like(views), self.frame)
+        kernel = Kernel.of(self.scene, grid, batch, _GEOMETRY, settings)
+        finder = _LaterHits(self.scene, FINEST * self.wavelength)
+        _, (lack,) = trace(kernel, self.antenna, finder)
+        dr.eval(lack)
+        of_view: F64 = np.asarray(lack.numpy(), dtype=np.float64).reshape(len(views), -1)
+        return np.asarray(of_view.max(axis=0))
+
+
+# paths alone: no returns, every surface a mirror
+_GEOMETRY = KernelFlags(
+    channels=("HH",),
+    fresnel=False,
+    roughness=False,
+    coherent=False,
+    diffuse=False,
+    diffuse_double=False,
+    speckle=False,
+    depolarisation=False,
+    polarised_diffuse=False,
+    antenna_pattern=False,
+    spreading=False,
+    tube_phase=False,
+    taper=False,
+)
+
+
+class _LaterHits:
+    """Accumulator and follower that keeps, for each ray, how much too wide its tube is at hits after the first."""
+
+    def __init__(self, scene: TraceScene, finest: float) -> None:
+        self.scene, self.finest = scene, finest
+
+    def begin(self) -> LaneArrays:
+        """No lack so far."""
+        return (mi.Float(0.0),)
+
+    def visit(self, state: LaneArrays, ray: RayState, hit: Hit) -> tuple[LaneArrays, mi.UInt32 | None]:
+        """Compare the tube's width with the need of the facet, where the antenna sees the hit."""
+        need, _ = FaceRow.of(self.scene.face_info, hit.face, hit.active).needed_spacings
+        a, b = ray.edge_a, ray.edge_b
+        if ray.spread is not None:
+            path = mi.Float(hit.length - ray.spread.start)
+            a, b = a + ray.spread.a * path, b + ray.spread.b * path
+        width = dr.maximum(dr.norm(a), dr.norm(b))
+        lack = width / dr.maximum(need, dr.opaque(mi.Float, self.finest))
+        counts = hit.active & ~hit.first & hit.sees
+        return (dr.select(counts, dr.maximum(state[0], lack), state[0]),), ray.trail
+
+    def add(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
+        """No returns are recorded."""
+        return state

@@ -1,1 +1,0 @@
-"""Stages of the built-in effects, one module each; see :mod:`sarmitsuba.trace.stage`."""

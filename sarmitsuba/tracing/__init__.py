@@ -1,0 +1,1 @@
+"""Tracing with Dr.Jit: the kernel, scatterers by kind, derivatives."""

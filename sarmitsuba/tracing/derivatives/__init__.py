@@ -1,0 +1,1 @@
+"""Derivatives of echoes by parameters of a scene: tangents and adjoints beside the kernel."""

@@ -1,0 +1,91 @@
+r"""Derivatives of one real number by many parameters: echoes read from the adjoint grid instead of adding to the grid.
+
+Raw data are linear in the echoes. The derivative of a loss by the data, taken backwards through the synthesis, is an
+adjoint grid G over the same cells; with the gridding weights w of an echo's cells and its phase factor,
+
+.. math:: dL = \Re \sum_c g_c^* \, da_c, \quad g_c = \sum_i w_i G_{ic} \, e^{+j 4 \pi f_c R / c}
+
+for a change of its amplitudes in the channels c. A second grid, with the factor of a slant range on its spectrum, does
+the same for :math:`a_c \, \partial R`. Each echo adds the product with each of its own derivatives to one number of
+the gradient, whatever the number of parameters.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from sarmitsuba.machine.backend import dr, mi
+from sarmitsuba.tracing.derivatives.tangent_echoes import WithTangents
+from sarmitsuba.tracing.derivatives.tangent_slots import NO_SHAPE, CarriedSlots
+from sarmitsuba.tracing.derivatives.tangents import NO_MATERIAL, PER_DB, CarriedDisplacements
+
+if TYPE_CHECKING:
+    from sarmitsuba.tracing.derivatives.adjoint_grids import AdjointGrids
+    from sarmitsuba.tracing.derivatives.tangents import Carried
+    from sarmitsuba.tracing.kernel.accumulators import GridAccumulator
+    from sarmitsuba.tracing.kernel.kernel import Accumulator, LaneArrays
+    from sarmitsuba.tracing.kernel.state import Contribution
+
+
+class AdjointEchoes:
+    """Accumulator that adds the derivatives of every echo to a gradient.
+
+    See :class:`sarmitsuba.tracing.kernel.kernel.Accumulator`.
+
+    Parameters
+    ----------
+    carried : of the kernel
+    accumulator : whose cells are read
+    grids : adjoint grids
+    """
+
+    def __init__(self, carried: CarriedSlots, accumulator: GridAccumulator, grids: AdjointGrids) -> None:
+        self.plan, self.turning = carried.plan, carried.turning
+        # beside edges the derivatives are factors of the echoes themselves
+        self.kind = 0 if carried.beside_edges else 1
+        self.accumulator, self.grids = accumulator, grids
+
+    def begin(self) -> LaneArrays:
+        """See the protocol."""
+        return self.accumulator.begin()
+
+    def add(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
+        """See the protocol."""
+        plan, grids, echo = self.plan, self.grids, contribution
+        total, c = grids.total, len(echo.amplitudes)
+        grids.start()
+        # changes of amplitudes by turns of faces have the phase of the echo too
+        changes = echo.amplitude_tangents or ()
+        state = self.accumulator.add(state, replace(echo, amplitudes=(*echo.amplitudes, *changes)))
+        farther, turning = grids.product(self.kind), grids.product(2)
+        for k, rate in enumerate(echo.range_tangents or ()):
+            shape, way = echo.slots[k // plan.ways], k % plan.ways
+            complex_rate = rate if isinstance(rate, mi.Complex2f) else mi.Complex2f(mi.Float(rate))
+            value = (farther * complex_rate).real
+            if echo.rate_tangents is not None:
+                value += turning.real * echo.rate_tangents[k]
+            if k in self.turning:
+                value += grids.product(1, c * (1 + self.turning.index(k))).real
+            total.add(shape * plan.ways + way, value, echo.active & (shape != NO_SHAPE))
+        if echo.material is None or not (plan.n_materials or plan.n_texels):
+            return state
+        level = grids.product(0).real * PER_DB
+        if plan.n_materials:
+            first = dr.opaque(mi.UInt32, plan.first_material)
+            for material in (echo.material, echo.partner):
+                if material is not None:
+                    total.add(material + first, level, echo.active & (material != NO_MATERIAL))
+        known = echo.active & (echo.material != NO_MATERIAL)
+        for texel, share in echo.texels:
+            total.add(texel + dr.opaque(mi.UInt32, plan.first_texel), level * share, known)
+        return state
+
+
+def recording(carried: Carried, accumulator: GridAccumulator) -> Accumulator:
+    """Accumulator that records the derivatives of echoes: beside them, or added to a gradient."""
+    if isinstance(carried, CarriedSlots):
+        assert accumulator.adjoint is not None
+        return AdjointEchoes(carried, accumulator, accumulator.adjoint)
+    assert isinstance(carried, CarriedDisplacements)
+    return WithTangents(carried, accumulator)

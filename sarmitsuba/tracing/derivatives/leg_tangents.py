@@ -1,0 +1,100 @@
+"""Derivatives of the echo of a scatterer at a known position, straight or over the ground, by every displacement.
+
+One place for all sources other than surfaces: wires, edges, volumes, pairs and a user's own kinds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from sarmitsuba.machine.backend import dr, mi
+from sarmitsuba.tracing.derivatives.range_tangents import normal_rate, with_amplitude
+from sarmitsuba.tracing.derivatives.tangents import NO_MATERIAL
+from sarmitsuba.tracing.kernel.leg import Leg, beam_patterns
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sarmitsuba.radar.antenna import Antenna
+    from sarmitsuba.tracing.derivatives.tangents import Carried
+    from sarmitsuba.tracing.kernel.state import Contribution, Kernel
+
+    # velocity of a scatterer, m per unit, and relative growth of its amplitude, per unit
+    Shift = tuple[mi.Vector3d, mi.Float]
+
+
+def leg_rate(carried: Carried, k: int, leg: Leg, point: mi.Vector3d | None) -> tuple[mi.Float64, mi.Float64]:
+    r"""Derivatives of a leg's length and of its rate by displacement k, m and m/s per unit.
+
+    With the velocity :math:`\dot{\mathbf a}` of the antenna, or of its image in the leg's mirror, relative to the
+    scatterer: :math:`\hat{\mathbf s} \cdot \dot{\mathbf a}` and :math:`\dot{\mathbf a} \cdot \mathbf v_\perp / L`.
+
+    Parameters
+    ----------
+    point : velocity of the scatterer, m per unit; None: at rest
+    """
+    velocity, change = carried.antenna[k], mi.Float64(0.0)
+    if leg.mirror is not None:
+        there = leg.mirror
+        n, movement = there.normal, carried.movement(k, there.face, there.point, mi.Bool(True))
+        towards = velocity if movement is None else velocity - movement.velocity
+        velocity = velocity - n * (2.0 * dr.dot(towards, n))
+        turn = normal_rate(carried, k, there.face, mi.Bool(True), n)
+        if turn is not None:
+            velocity -= 2.0 * (turn * dr.dot(there.antenna, n) + n * dr.dot(there.antenna, turn))
+            moving = there.velocity
+            change = -2.0 * dr.dot(leg.to_antenna64, turn * dr.dot(moving, n) + n * dr.dot(moving, turn))
+    if point is not None:
+        velocity = velocity - point
+    return dr.dot(leg.to_antenna64, velocity), dr.dot(velocity, leg.across) + change
+
+
+def with_leg_tangents(
+    kernel: Kernel,
+    antenna: Antenna,
+    echo: Contribution,
+    legs: tuple[Leg, Leg],
+    shifts: Sequence[Shift | None] = (),
+) -> Contribution:
+    """Echo of a scatterer with the derivatives that a kernel records; itself in kernels without.
+
+    Parameters
+    ----------
+    legs : of the incident and of the scattered wave
+    shifts : of the scatterer, by displacement; None: at rest
+
+    Notes
+    -----
+    Ignores what properties of materials change: callers refuse sources that depend on them.
+    """
+    carried = kernel.tangents
+    if carried is None:
+        return echo
+    ranges: list[mi.Float64 | mi.Complex2f] = []
+    rates = []
+    for k, gradient in enumerate(carried.gradient):
+        shift = shifts[k] if shifts else None
+        found = [leg_rate(carried, k, leg, None if shift is None else shift[0]) for leg in legs]
+        rate = 0.5 * (found[0][0] + found[1][0])
+        rates.append(mi.Float(0.5 * (found[0][1] + found[1][1])))
+        if gradient is None:
+            ranges.append(rate)
+        else:
+            growth = mi.Complex2f(0.0 if shift is None else shift[1])
+            ranges.append(with_amplitude(kernel, rate, growth))
+    beam = None
+    if carried.pointing:
+        beams = beam_patterns(kernel, antenna, echo.pulse, legs[0].leaving)
+        assert beams is not None
+        ends = beams[0].rates(legs[0].leaving), beams[1].received_rates(legs[1].leaving)
+        beam = tuple(x + y for x, y in zip(*ends, strict=True))
+    none = mi.Complex2f(0.0)
+    return replace(
+        echo,
+        range_tangents=tuple(ranges),
+        rate_tangents=tuple(rates) if carried.rates else None,
+        material=mi.UInt32(NO_MATERIAL) if echo.material is None else echo.material,
+        gain_tangents=beam,
+        amplitude_tangents=(none,) * (len(kernel.per_unit) * len(echo.amplitudes)) or None,
+    )

@@ -1,0 +1,306 @@
+"""Physical-optics return of a path's last facet to the antenna, and the antenna's receiving polarisation and gain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
+
+from sarmitsuba.machine.backend import dr, mi
+from sarmitsuba.tracing.derivatives.range_tangents import of_tube
+from sarmitsuba.tracing.derivatives.tangents import NO_MATERIAL
+from sarmitsuba.tracing.derivatives.variants import differences, variant_hits, variant_rays
+from sarmitsuba.tracing.kernel import field
+from sarmitsuba.tracing.kernel.leg import Surroundings, antenna_basis
+from sarmitsuba.tracing.kernel.propagation import mirror
+from sarmitsuba.tracing.kernel.stage import closed as by_stages
+from sarmitsuba.tracing.kernel.stage import coherent_loss
+from sarmitsuba.tracing.kernel.state import (
+    COHERENT,
+    Closing,
+    Contribution,
+    Hit,
+    Kernel,
+    Lane,
+    RayState,
+    Reflection,
+    TubeFootprint,
+)
+from sarmitsuba.tracing.scatterers.corners.metal_corners import both_chains, corner_share
+from sarmitsuba.tracing.scatterers.edges import edge_tangents
+
+if TYPE_CHECKING:
+    from sarmitsuba.tracing.derivatives.tangents import Carried
+
+# amplitude of a tube's return relative to that of the whole tube in phase, down to which it is added
+NEGLIGIBLE = 1e-10
+
+Number = TypeVar("Number")
+
+# a receiving vector: real, or complex behind slabs and volumes
+Receiving: TypeAlias = "mi.Vector3f | field.ComplexVector"
+
+
+@dataclass(frozen=True, eq=False)
+class Receiver:
+    """Receiving polarisations (by letter) and one-way gain in the direction from a hit to the antenna.
+
+    ``gain_tangents`` : of the straight path, see :class:`Contribution`
+    """
+
+    basis: dict[str, Receiving]
+    gain: mi.Float
+    gain_tangents: tuple[mi.Float, ...] | None = None
+
+
+def receiver(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> tuple[Receiver, Lane, Hit]:
+    """Receiving polarisations and gain of the antenna for a hit; lane and hit are adjusted for the delay in slabs."""
+    around = Surroundings.within(kernel)
+    gain, changes = mi.Float(1.0), None
+    if lane.pattern is not None:
+        gain = lane.pattern.received(-hit.to_antenna)
+        if lane.beam_rates is not None:
+            back = lane.pattern.received_rates(-hit.to_antenna)
+            changes = tuple(x + y for x, y in zip(lane.beam_rates, back, strict=True))
+    if around.clear:
+        h, v = field.polarisation_basis(-hit.to_antenna, around.up)
+        return Receiver({"H": h, "V": v}, gain, changes), lane, hit
+    through = hit.sees
+    if ray.crossed is not None and not kernel.bistatic:
+        # a first leg that crossed no slab has a return leg that crosses none
+        through = through & (~hit.first | (ray.crossed > 0))
+    basis = antenna_basis(around, hit.to_antenna)
+    vectors, shift = around.passed(
+        hit.departure, hit.to_antenna, mi.Float(hit.length_back), hit.sees, basis, through
+    )
+    if shift is not None:
+        step = mi.Vector3d(shift)
+        lane = replace(lane, antenna=lane.antenna + step, transmitter=lane.transmitter + step)
+        leg = lane.antenna - hit.p
+        length = dr.norm(leg)
+        hit = replace(hit, length_back=length, to_antenna64=leg / length)
+    return Receiver({"H": vectors[0], "V": vectors[1]}, gain, changes), lane, hit
+
+
+def _along(q: Receiving, value: Callable[[mi.Vector3f], mi.Complex2f]) -> mi.Complex2f:
+    """Value of a function linear in the receiving vector, for a real or a complex one."""
+    if not isinstance(q, tuple):
+        return value(q)
+    return value(q[0]) + mi.Complex2f(0.0, 1.0) * value(q[1])
+
+
+@dataclass  # not frozen: result of a branch, which Dr.Jit writes to
+class TubeReturn:
+    """Coherent return of a tube at a hit, before polarisation.
+
+    Parameters
+    ----------
+    counts : lanes in which it is not negligible
+    weight : 1/m^2 times the lit area and the radar's amplitude constant, with the integral of the phase
+    slant_range, range_rate : float64, m and m/s, of the echo
+    point : float64, m, scene frame, phase centre
+    range_tangents, rate_tangents : m and m/s per unit, see :class:`Contribution`
+    """
+
+    counts: mi.Bool
+    weight: mi.Complex2f
+    slant_range: mi.Float64
+    range_rate: mi.Float64
+    point: mi.Vector3d
+    range_tangents: tuple[mi.Float64 | mi.Complex2f, ...] | None = None
+    rate_tangents: tuple[mi.Float, ...] | None = None
+
+    @staticmethod
+    def none(tangents: Carried | None = None) -> TubeReturn:
+        """No return."""
+        # opaque: Dr.Jit merges equal literals of two branches, and then finds none of them in scope
+        zero, weight = mi.Float64(0.0), dr.opaque(mi.Float, 0.0)
+        rates = None if tangents is None else tangents.no_rates()
+        swings = None if tangents is None else tangents.no_swings()
+        none, nowhere = mi.Complex2f(weight, weight), mi.Vector3d(0.0)
+        return TubeReturn(mi.Bool(False), none, zero, zero, nowhere, rates, swings)
+
+
+def tube_return(
+    kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube_here: TubeFootprint, receive: Receiver
+) -> TubeReturn:
+    """Coherent return of a ray tube before polarisation: weights of both chains of a corner, stages, phase integral.
+
+    Negligible are returns below ``NEGLIGIBLE`` times that of the whole tube in phase: the sum of all of a launch is
+    then less than that of one tube.
+    """
+    factor = kernel.constants.po_gain * tube_here.area * tube_here.loss * receive.gain
+    whole, turned = factor, None
+    if ray.mirror is not None:
+        share, corner = corner_share(kernel, ray.mirror, hit)
+        if ray.virtual_receiver is None:
+            factor = factor * share
+        else:
+            turned = both_chains(kernel, lane, ray, hit, share, corner)
+    # velocities of antenna and virtual antenna relative to the lit patch
+    velocity, virtual_velocity = lane.velocity, ray.virtual_velocity
+    if hit.movement is not None and ray.shadow_boundary is not None:
+        patch = ray.shadow_boundary.at(hit.movement, hit.largest_cell).on(
+            hit.movement, hit.direction64, hit.normal64
+        )
+        velocity, virtual_velocity = velocity - patch, virtual_velocity - patch
+    range_rate = 0.5 * (
+        dr.dot(hit.to_antenna64, velocity) - dr.dot(hit.direction64, virtual_velocity)
+    )  # of the leg back and of the leg from the virtual antenna
+    found = by_stages(
+        kernel,
+        lane,
+        ray,
+        hit,
+        tube_here,
+        Closing(
+            factor=factor,
+            integral=None,
+            slant_range=_mean_leg(kernel, hit),
+            range_rate=range_rate,
+            point=hit.p,
+            velocity=velocity,
+            virtual_velocity=virtual_velocity,
+        ),
+    )
+    weight = mi.Complex2f(tube_here.bounds.area() if found.integral is None else found.integral)
+    weight *= found.factor
+    if turned is not None:
+        weight *= turned
+    # a value that is not a number counts, so that it is found; a sum, as squares of weights below 1e-19 are zero
+    counts = ~(dr.abs(weight.real) + dr.abs(weight.imag) <= NEGLIGIBLE * dr.abs(whole))
+    rates = swings = None
+    if kernel.tangents is not None:
+        if kernel.tangents.beside_edges:
+            rates, swings = edge_tangents.of_tube(kernel.tangents, lane, ray, hit), None
+        else:
+            rates, swings = of_tube(kernel, lane, ray, hit, tube_here, found)
+    return TubeReturn(counts, weight, found.slant_range, found.range_rate, found.point, rates, swings)
+
+
+def close_coherent(
+    kernel: Kernel,
+    lane: Lane,
+    ray: RayState,
+    hit: Hit,
+    reflection: Reflection,
+    receive: Receiver,
+    returned: TubeReturn,
+) -> Contribution:
+    r"""Coherent return of a ray tube by physical optics: electric and magnetic currents, phase integral over the patch.
+
+    A chain over A that closes at B and the reversed one, over B to A, have equal length, and reciprocity demands
+    ``S_HV(AB) = S_VH(BA)``. Both chains are traced, so that the mean of the two estimates,
+
+    .. math:: \tfrac12 (S_{HV}(AB) + S_{VH}(BA)) + \tfrac12 (S_{HV}(BA) + S_{VH}(AB)),
+
+    is the symmetric part of the scattering matrix at every closing: HV = VH in any basis. Co-polar channels hold both
+    estimates already and are unchanged. Of the two chains of a corner the one whose last facet limits the beam is
+    weighted higher, see :func:`sarmitsuba.tracing.scatterers.corners.metal_corners.corner_share`.
+    """
+    amplitudes = _amplitudes(kernel, ray, hit, reflection, receive, returned.weight)
+    return Contribution(
+        kind=mi.UInt32(COHERENT),
+        order=hit.order,
+        pulse=lane.pulse,
+        slant_range=returned.slant_range,
+        range_rate=returned.range_rate,
+        amplitudes=amplitudes,
+        active=returned.counts,
+        point=returned.point,
+        range_tangents=returned.range_tangents,
+        material=None if kernel.tangents is None else mi.UInt32(NO_MATERIAL),
+        amplitude_tangents=_derivatives(kernel, ray, hit, receive, returned.weight),
+        rate_tangents=returned.rate_tangents,
+        gain_tangents=receive.gain_tangents,
+        slots=() if kernel.tangents is None else kernel.tangents.slots,
+    )
+
+
+def _derivatives(
+    kernel: Kernel, ray: RayState, hit: Hit, receive: Receiver, weight: mi.Complex2f
+) -> tuple[mi.Complex2f, ...] | None:
+    """Derivatives of the channels of a coherent return by the properties of materials; None without any."""
+    if not kernel.variants:
+        return None
+    own = coherent_loss(kernel, hit)
+    found = []
+    for variant, one, there in zip(
+        kernel.variants, variant_rays(ray), variant_hits(kernel, ray, hit), strict=True
+    ):
+        reflection = mirror(variant, one, there, there.normal)
+        loss = coherent_loss(variant, there)
+        ratio = dr.select(own > 0.0, loss / dr.maximum(own, 1e-30), 0.0)
+        found.append(_amplitudes(variant, one, there, reflection, receive, weight * ratio))
+    return differences(kernel, found)
+
+
+def _amplitudes(
+    kernel: Kernel, ray: RayState, hit: Hit, reflection: Reflection, receive: Receiver, weight: mi.Complex2f
+) -> tuple[mi.Complex2f, ...]:
+    """Recorded channels of a coherent return; see :func:`close_coherent`."""
+    flags = kernel.flags
+    closed = {}
+    for channel in dict.fromkeys(c for pair in map(flags.reciprocal, flags.closed) for c in pair):
+        i = flags.tracked.index(channel[0])
+        closed[channel] = _along(
+            receive.basis[channel[1]],
+            partial(_closed, hit, reflection, ray.fields[i], reflection.fields[i]),
+        )
+    amplitudes = []
+    for channel in flags.closed:
+        a, b = flags.reciprocal(channel)
+        c = closed[a] if a == b else (closed[a] + closed[b]) * 0.5
+        amplitudes.append(c * weight)
+    return tuple(field.recorded(flags.closed, amplitudes, flags.channels))
+
+
+def _closed(
+    hit: Hit,
+    reflection: Reflection,
+    e: field.ComplexVector,
+    e_out: field.ComplexVector,
+    q: mi.Vector3f,
+) -> mi.Complex2f:
+    """Field radiated by a facet towards the antenna, component along ``q``; see :func:`close_coherent`."""
+    n, s = hit.normal, hit.to_antenna
+    if reflection.conductor:
+        return field.dot(field.po_current_pec(e, hit.direction, n), q)
+    return field.po_receive(e, e_out, hit.direction, reflection.direction, n, s, q)
+
+
+def _mean_leg(kernel: Kernel, hit: Hit) -> mi.Float64:
+    """Slant range of the hit itself, m."""
+    if kernel.flags.double_phase:
+        return 0.5 * (hit.length + hit.length_back)
+    return mi.Float64(0.5 * (mi.Float(hit.length) + mi.Float(hit.length_back)))
+
+
+def selected(condition: mi.Bool, a: Contribution, b: Contribution) -> Contribution:
+    """Contribution ``a`` in the lanes where the condition holds, else ``b``; pulse and activity of ``b``."""
+    return replace(
+        b,
+        kind=dr.select(condition, a.kind, b.kind),
+        order=dr.select(condition, a.order, b.order),
+        slant_range=dr.select(condition, a.slant_range, b.slant_range),
+        range_rate=dr.select(condition, a.range_rate, b.range_rate),
+        amplitudes=tuple(dr.select(condition, x, y) for x, y in zip(a.amplitudes, b.amplitudes, strict=True)),
+        point=dr.select(condition, a.point, b.point),
+        range_tangents=_chosen(condition, a.range_tangents, b.range_tangents),
+        material=None
+        if a.material is None or b.material is None
+        else dr.select(condition, a.material, b.material),
+        amplitude_tangents=_chosen(condition, a.amplitude_tangents, b.amplitude_tangents),
+        rate_tangents=_chosen(condition, a.rate_tangents, b.rate_tangents),
+        gain_tangents=_chosen(condition, a.gain_tangents, b.gain_tangents),
+    )
+
+
+def _chosen(
+    condition: mi.Bool, a: tuple[Number, ...] | None, b: tuple[Number, ...] | None
+) -> tuple[Number, ...] | None:
+    """Numbers ``a`` where the condition holds, else ``b``; None where either is."""
+    if a is None or b is None:
+        return None
+    return tuple(dr.select(condition, x, y) for x, y in zip(a, b, strict=True))

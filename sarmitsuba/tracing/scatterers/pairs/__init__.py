@@ -1,0 +1,1 @@
+"""Pairs of rough surfaces that light each other."""

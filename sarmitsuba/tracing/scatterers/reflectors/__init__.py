@@ -1,0 +1,1 @@
+"""Reflectors of extensions."""

@@ -1,0 +1,1 @@
+"""Slabs: panes and layers that waves pass."""

@@ -1,0 +1,1 @@
+"""Water: waves under wind, and change with time."""

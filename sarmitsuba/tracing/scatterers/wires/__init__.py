@@ -1,0 +1,1 @@
+"""Wires: nodes of thin conductors."""

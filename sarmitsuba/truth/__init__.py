@@ -1,0 +1,1 @@
+"""Closed forms, cases and validation."""
