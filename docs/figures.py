@@ -28,12 +28,10 @@ from sarmitsuba.loading.load import load_scene
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.orbit import OrbitRequest, circular_orbit
 from sarmitsuba.signal.focusing import default_grid, focus
-from sarmitsuba.signal.focusing.focuser_comparison import compare_focusers
+from sarmitsuba.signal.focusing.comparison import compare_focusers
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.signal.image.averaging import sliding_means
-from sarmitsuba.signal.image.sar_image import SarImage
-from sarmitsuba.signal.image.shown_axes import ShownAxes
-from sarmitsuba.view.focusers import focusers_figure
+from sarmitsuba.signal.image import SarImage, ShownAxes, sliding_means
+from sarmitsuba.view.charts import focusers_figure
 from sarmitsuba.view.fringes import interferogram_figure
 from sarmitsuba.view.labels_picture import labels_figure
 from sarmitsuba.view.notebook import draw_beam

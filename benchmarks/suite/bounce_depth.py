@@ -63,8 +63,8 @@ def pictures(name: str, layers: np.ndarray, seconds: list[float]) -> Any:
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.apps.cost.trial import TrialSetting, run_trial
-    from sarmitsuba.signal.image.metrics import image_error_db
+    from sarmitsuba.apps.cost.trials import TrialSetting, run_trial
+    from sarmitsuba.signal.metrics import image_error_db
 
     report = harness.Report(
         "bounce_depth",

@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Render both passes and evaluate them."""
-    from sarmitsuba.analysis.interferometry import second_pass
+    from sarmitsuba.analysis.baseline import second_pass
     from sarmitsuba.core.errors import DataError
 
     if args.no_focus or args.page:

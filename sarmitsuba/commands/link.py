@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Print the link budget."""
-    from sarmitsuba.analysis.link import link_budget
+    from sarmitsuba.analysis.link_budget import link_budget
     from sarmitsuba.core.errors import RadarError
     from sarmitsuba.machine.backend import ensure_backend
 

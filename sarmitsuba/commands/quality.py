@@ -67,14 +67,15 @@ def run(args: argparse.Namespace, console: Console) -> int:
     """Measure."""
     import numpy as np
 
-    from sarmitsuba.analysis.quality import Area, KnownPoint, image_quality
+    from sarmitsuba.analysis.image_quality import Area, image_quality
+    from sarmitsuba.analysis.point_quality import KnownPoint
     from sarmitsuba.commands.results import draw_into
     from sarmitsuba.core.errors import DataError
     from sarmitsuba.files import read_image
     from sarmitsuba.machine import parameter_file
     from sarmitsuba.machine.output import OutputFolder, output_folder
-    from sarmitsuba.signal.image.shown_axes import ShownAxes
-    from sarmitsuba.view.response import quality_figure
+    from sarmitsuba.signal.image import ShownAxes
+    from sarmitsuba.view.charts import quality_figure
 
     source = image_file(Path(args.image))
     target = Path(args.output or source.parent)

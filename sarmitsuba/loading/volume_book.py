@@ -6,15 +6,21 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sarmitsuba.core.arrays import F64, I32
+from sarmitsuba.core.constants import power_from_db
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.core.parameters import Param, ParamTable, Value, float_value, string_value
-from sarmitsuba.core.units import power_from_db
 from sarmitsuba.loading.elements import Element
 from sarmitsuba.loading.overrides import Overrides
 from sarmitsuba.loading.shapes import MeshReader, Placed
 from sarmitsuba.scene.materials.change import CHANGE, change_of
-from sarmitsuba.scene.materials.vegetation.canopy import CANOPIES, Canopy, Constituent, Orientation
-from sarmitsuba.scene.materials.vegetation.medium import VolumeMedium, water_cloud
+from sarmitsuba.scene.materials.vegetation.canopy import (
+    CANOPIES,
+    Canopy,
+    Constituent,
+    Orientation,
+    VolumeMedium,
+    water_cloud,
+)
 from sarmitsuba.scene.materials.vegetation.plant_pieces import Leaf, Stick
 from sarmitsuba.scene.mesh.closed import enclosed_volume, is_closed
 from sarmitsuba.scene.volumes import Volume

@@ -11,7 +11,7 @@ import sarmitsuba
 from sarmitsuba.core.arrays import C64
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.signal.raw.raw_data import RawData
 from sarmitsuba.simulation.execution import witnesses
 from sarmitsuba.simulation.execution.render import simulate

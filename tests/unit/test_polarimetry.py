@@ -27,7 +27,7 @@ from sarmitsuba.analysis.polarimetry import (
 from sarmitsuba.core.arrays import C64, C128, F64
 from sarmitsuba.core.errors import DataError, RadarError
 from sarmitsuba.radar.polarisation import read_channels
-from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw.raw_data import Layer
 from sarmitsuba.truth import theory
 from sarmitsuba.view.polarimetric_maps import feasible_bounds

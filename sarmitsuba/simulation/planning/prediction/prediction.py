@@ -11,7 +11,7 @@ import numpy as np
 from sarmitsuba.core.arrays import C64
 from sarmitsuba.core.timing import Clock, StageTimer
 from sarmitsuba.effects.plan import EffectsPlan
-from sarmitsuba.scene.endless_ground import with_endless_ground
+from sarmitsuba.scene.ground import with_endless_ground
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import default_grid, focus
 from sarmitsuba.signal.focusing.focuser import EXACT

@@ -10,15 +10,14 @@ from scipy.special import gammainc
 from scipy.stats import kstest
 
 from sarmitsuba.core.arrays import F64, I64
-from sarmitsuba.core.constants import SPEED_OF_LIGHT
-from sarmitsuba.core.units import db_from_power
+from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power
 from sarmitsuba.machine.backend import device_array, dr, mi
 from sarmitsuba.scene.materials.map_materials import varied
 from sarmitsuba.scene.materials.material import ClassMap, Material, SurfaceMaps
 from sarmitsuba.scene.materials.texture import Bitmap, in_plan
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from sarmitsuba.simulation.execution.render import render
 from sarmitsuba.tracing.kernel.speckle import SurfacePlace
 from sarmitsuba.tracing.kernel.surface_tables import SurfaceTables
