@@ -66,7 +66,7 @@ def test_directions_and_normals_are_those_of_the_turned_shape(seed: int, moved: 
     length, d = float(np.linalg.norm(leg)), unit(leg)
     facet *= -np.sign(facet @ d)
     displacement = Displacement(np.zeros(3), np.array([moved]), -ROTATION @ base, ROTATION, 1.0)
-    ray: Any = SimpleNamespace(tangents=SimpleNamespace(virtual=(mi.Vector3d(velocity),)))
+    ray: Any = SimpleNamespace(derivative=SimpleNamespace(virtual=(mi.Vector3d(velocity),)))
     hit: Any = Struck(
         mi.Bool(True),
         mi.UInt32(0),

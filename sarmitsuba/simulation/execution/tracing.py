@@ -21,9 +21,8 @@ from sarmitsuba.simulation.execution.statistics import TraceStatistics
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.planning.sources.kind import sources_of
 from sarmitsuba.simulation.planning.sources.site import RunSite
-from sarmitsuba.tracing.derivatives.adjoint_echoes import recording as with_derivatives
+from sarmitsuba.tracing.derivatives.path_derivatives import differentiate
 from sarmitsuba.tracing.derivatives.tangents import TangentPlan
-from sarmitsuba.tracing.derivatives.variants import with_tangents
 from sarmitsuba.tracing.kernel.accumulators import BlockAccumulator, DirectAccumulator, GridAccumulator
 from sarmitsuba.tracing.kernel.kernel import Accumulator, KernelSettings
 from sarmitsuba.tracing.kernel.launch import LaunchFrame, LaunchGrid, PulseBatch
@@ -156,7 +155,7 @@ class Tracer:
             batch = batch.with_azimuth_later
         if settings.kept_up_to is not None and isinstance(accumulator, DirectAccumulator):
             settings = replace(settings, kept_up_to=settings.kept_up_to * (EVERY_PULSE_UP_TO / INNER_UP_TO))
-        return with_tangents(Kernel.of(self.trace_scene, grid, batch, flags, settings), self.tangents)
+        return differentiate(Kernel.of(self.trace_scene, grid, batch, flags, settings), self.tangents)
 
     def launch(
         self, launch: Launch, states: AntennaStates, accumulator: GridAccumulator, each: int = 1
@@ -173,10 +172,7 @@ class Tracer:
         antenna = self.sampling.scene.radar.antenna
         kernel = self.kernel_of(launch.part.grid, states, accumulator)
         accumulator.before(launch, kernel.pulses.n_pulses)
-        recording: Accumulator = accumulator
-        if kernel.tangents is not None:
-            recording = with_derivatives(kernel.tangents, accumulator)
-        counts, state = launch.record(kernel, antenna, recording)
+        counts, state = launch.record(kernel, antenna, kernel.derivatives.record_beside(accumulator))
         dr.eval(counts.hits, counts.contributions, state, accumulator.written)
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]
         # in NumPy: sums by Dr.Jit differ in the last bits with the number of threads

@@ -53,31 +53,32 @@ class AdjointEchoes:
     def add(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
         """See the protocol."""
         plan, grids, echo = self.plan, self.grids, contribution
+        derivative = echo.derivative
+        assert derivative is not None and derivative.material is not None
         total, c = grids.total, len(echo.amplitudes)
         grids.start()
         # changes of amplitudes by turns of faces have the phase of the echo too
-        changes = echo.amplitude_tangents or ()
-        state = self.accumulator.add(state, replace(echo, amplitudes=(*echo.amplitudes, *changes)))
+        state = self.accumulator.add(state, replace(echo, amplitudes=echo.values))
         farther, turning = grids.product(self.kind), grids.product(2)
-        for k, rate in enumerate(echo.range_tangents or ()):
-            shape, way = echo.slots[k // plan.ways], k % plan.ways
+        for k, rate in enumerate(derivative.ranges):
+            shape, way = derivative.slots[k // plan.ways], k % plan.ways
             complex_rate = rate if isinstance(rate, mi.Complex2f) else mi.Complex2f(mi.Float(rate))
             value = (farther * complex_rate).real
-            if echo.rate_tangents is not None:
-                value += turning.real * echo.rate_tangents[k]
+            if derivative.rates is not None:
+                value += turning.real * derivative.rates[k]
             if k in self.turning:
                 value += grids.product(1, c * (1 + self.turning.index(k))).real
             total.add(shape * plan.ways + way, value, echo.active & (shape != NO_SHAPE))
-        if echo.material is None or not (plan.n_materials or plan.n_texels):
+        if not (plan.n_materials or plan.n_texels):
             return state
         level = grids.product(0).real * PER_DB
         if plan.n_materials:
             first = dr.opaque(mi.UInt32, plan.first_material)
-            for material in (echo.material, echo.partner):
+            for material in (derivative.material, derivative.partner):
                 if material is not None:
                     total.add(material + first, level, echo.active & (material != NO_MATERIAL))
-        known = echo.active & (echo.material != NO_MATERIAL)
-        for texel, share in echo.texels:
+        known = echo.active & (derivative.material != NO_MATERIAL)
+        for texel, share in derivative.texels:
             total.add(texel + dr.opaque(mi.UInt32, plan.first_texel), level * share, known)
         return state
 

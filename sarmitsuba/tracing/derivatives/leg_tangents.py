@@ -5,12 +5,11 @@ One place for all sources other than surfaces: wires, edges, volumes, pairs and 
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.tracing.derivatives.range_tangents import normal_rate, with_amplitude
-from sarmitsuba.tracing.derivatives.tangents import NO_MATERIAL
+from sarmitsuba.tracing.derivatives.tangents import NO_MATERIAL, EchoDerivative
 from sarmitsuba.tracing.kernel.leg import Leg, beam_patterns
 
 if TYPE_CHECKING:
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
 
     from sarmitsuba.radar.antenna import Antenna
     from sarmitsuba.tracing.derivatives.tangents import Carried
-    from sarmitsuba.tracing.kernel.state import Contribution, Kernel
+    from sarmitsuba.tracing.kernel.state import Kernel
 
     # velocity of a scatterer, m per unit, and relative growth of its amplitude, per unit
     Shift = tuple[mi.Vector3d, mi.Float]
@@ -50,27 +49,28 @@ def leg_rate(carried: Carried, k: int, leg: Leg, point: mi.Vector3d | None) -> t
     return dr.dot(leg.to_antenna64, velocity), dr.dot(velocity, leg.across) + change
 
 
-def with_leg_tangents(
+def of_legs(
+    carried: Carried,
     kernel: Kernel,
     antenna: Antenna,
-    echo: Contribution,
+    pulse: mi.UInt32,
     legs: tuple[Leg, Leg],
-    shifts: Sequence[Shift | None] = (),
-) -> Contribution:
-    """Echo of a scatterer with the derivatives that a kernel records; itself in kernels without.
+    shifts: Sequence[Shift | None],
+    materials: tuple[mi.UInt32, mi.UInt32] | None,
+) -> EchoDerivative:
+    """Derivatives of the echo of a scatterer, without those of its amplitudes by properties of materials.
 
     Parameters
     ----------
+    carried : derivatives that the kernel records
     legs : of the incident and of the scattered wave
     shifts : of the scatterer, by displacement; None: at rest
+    materials : of both scatterers of a pair of diffuse ones; None: neither is diffuse
 
     Notes
     -----
     Ignores what properties of materials change: callers refuse sources that depend on them.
     """
-    carried = kernel.tangents
-    if carried is None:
-        return echo
     ranges: list[mi.Float64 | mi.Complex2f] = []
     rates = []
     for k, gradient in enumerate(carried.gradient):
@@ -85,16 +85,14 @@ def with_leg_tangents(
             ranges.append(with_amplitude(kernel, rate, growth))
     beam = None
     if carried.pointing:
-        beams = beam_patterns(kernel, antenna, echo.pulse, legs[0].leaving)
+        beams = beam_patterns(kernel, antenna, pulse, legs[0].leaving)
         assert beams is not None
         ends = beams[0].rates(legs[0].leaving), beams[1].received_rates(legs[1].leaving)
         beam = tuple(x + y for x, y in zip(*ends, strict=True))
-    none = mi.Complex2f(0.0)
-    return replace(
-        echo,
-        range_tangents=tuple(ranges),
-        rate_tangents=tuple(rates) if carried.rates else None,
-        material=mi.UInt32(NO_MATERIAL) if echo.material is None else echo.material,
-        gain_tangents=beam,
-        amplitude_tangents=(none,) * (len(kernel.per_unit) * len(echo.amplitudes)) or None,
+    return EchoDerivative(
+        ranges=tuple(ranges),
+        rates=tuple(rates) if carried.rates else None,
+        gains=beam,
+        material=mi.UInt32(NO_MATERIAL) if materials is None else materials[0],
+        partner=None if materials is None else materials[1],
     )

@@ -11,16 +11,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from sarmitsuba.machine.backend import dr, mi
-from sarmitsuba.tracing.derivatives.tangents import RayTangents
+from sarmitsuba.tracing.derivatives.tangents import EchoDerivative, RayDerivative
 from sarmitsuba.tracing.scatterers.edges.edge_tangents import arrived
 
 if TYPE_CHECKING:
     from sarmitsuba.tracing.derivatives.tangents import Carried
     from sarmitsuba.tracing.kernel.state import Closing, Hit, Kernel, Lane, RayState, TubeFootprint
     from sarmitsuba.tracing.kernel.tubes.integral_rates import Rate
-
-    RangeRates = tuple[mi.Float64 | mi.Complex2f, ...]
-    Swings = tuple[mi.Float, ...] | None
 
 
 def normal_rate(
@@ -45,8 +42,8 @@ def turned_hit(carried: Carried, k: int, ray: RayState, hit: Hit, step: mi.Float
     -----
     Ignores the change of the direction to the antenna, a displacement over the slant range.
     """
-    assert ray.tangents is not None
-    d, virtual, along = hit.direction64, ray.tangents.virtual[k], mi.Float64(step)
+    assert ray.derivative is not None
+    d, virtual, along = hit.direction64, ray.derivative.virtual[k], mi.Float64(step)
     d = dr.normalize(d - (virtual - d * dr.dot(virtual, d)) * (along / hit.length))
     n, turn = hit.normal64, normal_rate(carried, k, hit.face, hit.active, hit.normal64)
     if turn is not None:
@@ -69,8 +66,8 @@ def _stretched(
 
     The edges change with the facet, or with a smaller lit piece before it, whose tubes are projected onto the facet.
     """
-    assert ray.tangents is not None
-    boundary, before = ray.tangents.boundary[k], ray.tangents.stretch[k]
+    assert ray.derivative is not None
+    boundary, before = ray.derivative.boundary[k], ray.derivative.stretch[k]
     if boundary is None or before is None:
         return None
     own = hit.largest_cell <= boundary.size
@@ -85,18 +82,20 @@ def _stretched(
 
 def mirrored_tangents(
     carried: Carried, lane: Lane, ray: RayState, hit: Hit, tube_here: TubeFootprint, n: mi.Vector3d
-) -> RayTangents:
+) -> RayDerivative:
     r"""State of the ray reflected at a hit.
 
     The image :math:`A' = A - 2 n \, (A - p) \cdot n` of the antenna in a facet that moves and turns has the
     velocity :math:`\dot A - 2 n \, (\dot A - \dot p) \cdot n - 2 \dot n \, (A - p) \cdot n
     - 2 n \, (A - p) \cdot \dot n`.
     """
-    assert ray.tangents is not None
+    assert ray.derivative is not None
     from_hit = ray.virtual_antenna - hit.p
     virtual, boundaries, stretches, velocities, turns = [], [], [], [], []
     n32 = mi.Vector3f(n)
-    for k, (velocity, boundary) in enumerate(zip(ray.tangents.virtual, ray.tangents.boundary, strict=True)):
+    for k, (velocity, boundary) in enumerate(
+        zip(ray.derivative.virtual, ray.derivative.boundary, strict=True)
+    ):
         movement = carried.movement(k, hit.face, hit.p, hit.active)
         towards = velocity if movement is None else velocity - movement.velocity
         image = velocity - n * (2.0 * dr.dot(towards, n))
@@ -105,7 +104,7 @@ def mirrored_tangents(
         if turn is not None:
             image -= 2.0 * (turn * dr.dot(from_hit, n) + n * dr.dot(from_hit, turn))
         virtual.append(image)
-        change = ray.tangents.velocity[k]
+        change = ray.derivative.velocity[k]
         if change is not None and turn is not None:
             own = ray.virtual_velocity
             change = change - 2.0 * (turn * dr.dot(own, n) + n * (dr.dot(own, turn) + dr.dot(change, n)))
@@ -118,11 +117,17 @@ def mirrored_tangents(
         if boundary is not None and movement is not None:
             boundary = boundary.at(movement, hit.largest_cell).mirrored(movement, n)
         boundaries.append(boundary)
-    edge = ray.tangents.edge
+    edge = ray.derivative.edge
     if edge is not None:
         edge = arrived(edge, carried, lane, ray, hit).mirrored(n, turns)
-    return RayTangents(
-        tuple(virtual), tuple(boundaries), tuple(stretches), tuple(velocities), carried.slots, edge
+    return RayDerivative(
+        tuple(virtual),
+        tuple(boundaries),
+        tuple(stretches),
+        tuple(velocities),
+        carried.slots,
+        edge,
+        ray.derivative.fields,
     )
 
 
@@ -130,8 +135,8 @@ def _patch(
     carried: Carried, k: int, ray: RayState, hit: Hit, point: mi.Vector3d
 ) -> tuple[mi.Vector3d, mi.Vector3d]:
     """Velocities of the antenna and of its image relative to the lit patch at a point of the facet, m per unit."""
-    assert ray.tangents is not None
-    antenna, virtual, boundary = carried.antenna[k], ray.tangents.virtual[k], ray.tangents.boundary[k]
+    assert ray.derivative is not None
+    antenna, virtual, boundary = carried.antenna[k], ray.derivative.virtual[k], ray.derivative.boundary[k]
     movement = carried.movement(k, hit.face, point, hit.active)
     if movement is not None and boundary is not None:
         # tubes tile the lit area: their common sides move with its boundary
@@ -181,11 +186,17 @@ class _Seen:
 
 
 def of_tube(
-    kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube_here: TubeFootprint, closing: Closing
-) -> tuple[RangeRates, Swings]:
+    carried: Carried,
+    kernel: Kernel,
+    lane: Lane,
+    ray: RayState,
+    hit: Hit,
+    tube_here: TubeFootprint,
+    closing: Closing,
+) -> EchoDerivative:
     """Derivatives of the slant range of a tube's coherent return by every displacement, and of its range rate."""
-    carried, changes = kernel.tangents, list(closing.changes)
-    assert carried is not None and ray.tangents is not None
+    assert ray.derivative is not None
+    changes = list(closing.changes)
     seen = _Seen.of(ray, lane, closing.point) if carried.rates else None
     swings: list[mi.Float] = []
     rim = closing.point - hit.p  # phase centre of the return from the hit, in the facet's plane
@@ -195,7 +206,7 @@ def of_tube(
     for k, gradient in enumerate(carried.gradient):
         antenna, virtual = _patch(carried, k, ray, hit, closing.point)
         if seen is not None:
-            swings.append(seen.rates(antenna, virtual, ray.tangents.velocity[k])[0])
+            swings.append(seen.rates(antenna, virtual, ray.derivative.velocity[k])[0])
         rate = dr.dot(s, antenna) - dr.dot(d, virtual)
         rate -= dr.dot(across_out, virtual) / hit.length + dr.dot(across_back, antenna) / hit.length_back
         if gradient is None:
@@ -209,7 +220,7 @@ def of_tube(
             there = dr.squared_norm(whole) > 1e-24
             growth += dr.select(there, change / dr.select(there, whole, 1.0), 0.0)
         found.append(with_amplitude(kernel, 0.5 * rate, growth))
-    return tuple(found), None if seen is None else tuple(swings)
+    return EchoDerivative(tuple(found), None if seen is None else tuple(swings))
 
 
 def with_amplitude(kernel: Kernel, rate: mi.Float64, growth: mi.Complex2f) -> mi.Complex2f:
@@ -234,10 +245,11 @@ def _surface_rate(carried: Carried, k: int, hit: Hit) -> mi.Float:
     return dr.select(carried.moves(k, hit.face, hit.active), mi.Float(rate), 0.0)
 
 
-def deformation_rates(kernel: Kernel, ray: RayState, hit: Hit, tube: TubeFootprint) -> list[Rate]:
+def deformation_rates(
+    carried: Carried, kernel: Kernel, ray: RayState, hit: Hit, tube: TubeFootprint
+) -> list[Rate]:
     """Derivatives of q, u and v of a tube's phase integral by every displacement that stretches or turns a shape."""
-    carried = kernel.tangents
-    if carried is None or carried.beside_edges or not any(rows is not None for rows in carried.gradient):
+    if carried.beside_edges:
         return []
     found = []
     d, s = hit.direction64, hit.to_antenna64
@@ -256,16 +268,15 @@ def deformation_rates(kernel: Kernel, ray: RayState, hit: Hit, tube: TubeFootpri
 
 
 def of_scatterer(
-    kernel: Kernel, ray: RayState, hit: Hit, lane: Lane, centre: mi.Vector3d
-) -> tuple[tuple[RangeRates, Swings], tuple[RangeRates, Swings]]:
+    carried: Carried, kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, centre: mi.Vector3d
+) -> tuple[EchoDerivative, EchoDerivative]:
     """Derivatives of a diffuse scatterer's slant range and range rate: straight, and back through the mirrors."""
-    carried = kernel.tangents
-    assert carried is not None and ray.tangents is not None
+    assert ray.derivative is not None
     seen = _Seen.of(ray, lane, centre)
     swings: list[tuple[mi.Float, mi.Float]] = []
     straight: list[mi.Float64 | mi.Complex2f] = []
     reciprocal: list[mi.Float64 | mi.Complex2f] = []
-    for k, virtual in enumerate(ray.tangents.virtual):
+    for k, virtual in enumerate(ray.derivative.virtual):
         antenna = carried.antenna[k]
         movement = carried.movement(k, hit.face, centre, hit.active)
         if movement is not None:
@@ -273,7 +284,7 @@ def of_scatterer(
         leg = -dr.dot(seen.out, virtual)
         rates: list[mi.Float64 | mi.Complex2f] = [0.5 * (leg + dr.dot(seen.back, antenna)), leg]
         if carried.rates:
-            swings.append(seen.rates(antenna, virtual, ray.tangents.velocity[k]))
+            swings.append(seen.rates(antenna, virtual, ray.derivative.velocity[k]))
         if carried.gradient[k] is not None:
             # the power of a cell grows with its area
             growth = mi.Complex2f(0.5 * _surface_rate(carried, k, hit))
@@ -281,8 +292,8 @@ def of_scatterer(
         straight.append(rates[0])
         reciprocal.append(rates[1])
     if not carried.rates:
-        return (tuple(straight), None), (tuple(reciprocal), None)
+        return EchoDerivative(tuple(straight)), EchoDerivative(tuple(reciprocal))
     return (
-        (tuple(straight), tuple(rate for rate, _ in swings)),
-        (tuple(reciprocal), tuple(rate for _, rate in swings)),
+        EchoDerivative(tuple(straight), tuple(rate for rate, _ in swings)),
+        EchoDerivative(tuple(reciprocal), tuple(rate for _, rate in swings)),
     )

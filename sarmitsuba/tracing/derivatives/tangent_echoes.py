@@ -33,10 +33,11 @@ class WithTangents:
 
 def with_derivatives(carried: CarriedDisplacements, echo: Contribution) -> tuple[mi.Complex2f, ...]:
     """Channels of an echo and their derivatives."""
-    assert echo.range_tangents is not None and echo.material is not None
-    c, plan, changes = len(echo.amplitudes), carried.plan, echo.amplitude_tangents or ()
+    derivative = echo.derivative
+    assert derivative is not None and derivative.material is not None
+    c, plan, changes = len(echo.amplitudes), carried.plan, derivative.amplitudes or ()
     out = list(echo.amplitudes)
-    for rate in echo.range_tangents:
+    for rate in derivative.ranges:
         factor = rate if isinstance(rate, mi.Complex2f) else mi.Float(rate)
         out += [a * factor for a in echo.amplitudes]
     by_property, by_turn = changes[: c * len(plan.properties)], changes[c * len(plan.properties) :]
@@ -44,9 +45,10 @@ def with_derivatives(carried: CarriedDisplacements, echo: Contribution) -> tuple
         for j in range(c):
             out[c * (1 + k) + j] += by_turn[c * i + j]
     if carried.plan.levels:
-        materials = [echo.material] if echo.partner is None else [echo.material, echo.partner]
         bits = []
-        for material in materials:
+        for material in (derivative.material, derivative.partner):
+            if material is None:
+                continue
             known = material != NO_MATERIAL
             found = dr.gather(mi.UInt32, carried.plan.levelled, material, echo.active & known)
             bits.append(dr.select(known, found, 0))
@@ -55,9 +57,11 @@ def with_derivatives(carried: CarriedDisplacements, echo: Contribution) -> tuple
             out += [a * per_db for a in echo.amplitudes]
     out += by_property
     for number in carried.texels:
-        share = sum((dr.select(texel == number, part, 0.0) for texel, part in echo.texels), mi.Float(0.0))
-        per_db = dr.select(echo.material != NO_MATERIAL, share * PER_DB, 0.0)
+        share = sum(
+            (dr.select(texel == number, part, 0.0) for texel, part in derivative.texels), mi.Float(0.0)
+        )
+        per_db = dr.select(derivative.material != NO_MATERIAL, share * PER_DB, 0.0)
         out += [a * per_db for a in echo.amplitudes]
-    by_angle = (a * rate for rate in echo.gain_tangents or () for a in echo.amplitudes)
-    swings = (a * rate for rate in echo.rate_tangents or () for a in echo.amplitudes)
+    by_angle = (a * rate for rate in derivative.gains or () for a in echo.amplitudes)
+    swings = (a * rate for rate in derivative.rates or () for a in echo.amplitudes)
     return (*out, *by_angle, *swings)

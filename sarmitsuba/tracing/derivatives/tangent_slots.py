@@ -16,7 +16,7 @@ import numpy as np
 
 from sarmitsuba.core.arrays import F64, I64, U32
 from sarmitsuba.machine.backend import dr, mi
-from sarmitsuba.tracing.derivatives.tangents import Carried, RayTangents
+from sarmitsuba.tracing.derivatives.tangents import Carried, RayDerivative
 from sarmitsuba.tracing.kernel.device_arrays import device_array
 
 if TYPE_CHECKING:
@@ -213,11 +213,11 @@ class CarriedSlots(Carried):
         """See the base class."""
         return self.numbers
 
-    def launched(self) -> RayTangents:
+    def launched(self) -> RayDerivative:
         """See the base class."""
         return replace(super().launched(), slots=(mi.UInt32(NO_SHAPE),) * self.plan.n_slots)
 
-    def at(self, tangents: RayTangents | None, face: mi.UInt32, active: mi.Bool) -> CarriedSlots:
+    def at(self, tangents: RayDerivative | None, face: mi.UInt32, active: mi.Bool) -> CarriedSlots:
         """The same at a hit of a ray on a face, whose shape takes the first empty slot if it has none."""
         if tangents is None or not self.plan.n_slots:
             return self

@@ -10,8 +10,8 @@ changes by :math:`\partial R + \partial \dot R \, \tau`.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.tracing.kernel.device_arrays import device_array
+from sarmitsuba.tracing.kernel.field import ComplexVector  # as the next
 from sarmitsuba.tracing.kernel.movement import (
     Movement,
     ShadowBoundary,
@@ -28,7 +29,11 @@ from sarmitsuba.tracing.scatterers.edges.edge_state import EdgeState  # at run t
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from sarmitsuba.tracing.kernel.diffuse_return import Terms
     from sarmitsuba.tracing.kernel.scene_tables import TraceScene
+    from sarmitsuba.tracing.scatterers.edges.edge_state import EdgeLane
+
+Number = TypeVar("Number")
 
 # parameters of one kind that one launch carries at most: bits of a table entry
 MOST = 32
@@ -75,8 +80,22 @@ class StepTables:
     per_unit: float
 
 
+@dataclass(frozen=True, eq=False)
+class LaneDerivative:
+    """Values of a ray that stay the same over all its bounces.
+
+    Parameters
+    ----------
+    edge : of a ray beside an edge; None for rays of a lattice
+    beam_rates : 1/rad, slopes of the launch's gain by the two angles of the beam; None: not recorded
+    """
+
+    edge: EdgeLane | None
+    beam_rates: tuple[mi.Float, mi.Float] | None
+
+
 @dataclass
-class RayTangents:
+class RayDerivative:
     """Part of a ray's state: velocities of its virtual antenna and of the lit area, for each displacement.
 
     Parameters
@@ -89,6 +108,7 @@ class RayTangents:
     slots : numbers of the shapes met so far that move, see :mod:`sarmitsuba.tracing.derivatives.tangent_slots`; empty
         for displacements that are the same for all rays
     edge : of a ray beside an edge; None for rays of a lattice
+    fields : with other materials or turned facets, for each variant; empty without any
     """
 
     virtual: tuple[mi.Vector3d, ...]
@@ -97,6 +117,73 @@ class RayTangents:
     velocity: tuple[mi.Vector3d | None, ...]
     slots: tuple[mi.UInt32, ...] = ()
     edge: EdgeState | None = None
+    fields: tuple[tuple[ComplexVector, ...], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class PatchDerivative:
+    """Derivatives of the diffuse returns of one hit.
+
+    Parameters
+    ----------
+    terms : of the straight and the reciprocal path, for each variant; empty without any
+    texels : see :class:`EchoDerivative`
+    """
+
+    terms: tuple[tuple[Terms, Terms | None], ...] = ()
+    texels: tuple[tuple[mi.UInt32, mi.Float], ...] = ()
+
+
+@dataclass
+class EchoDerivative:
+    """Derivatives of one echo.
+
+    Parameters
+    ----------
+    ranges : of the slant range by displacements, m per unit, see :mod:`.range_tangents`
+    rates : of the range rate by displacements, m/s per unit; None where none is recorded
+    amplitudes : of the channels by properties of materials, property by property, then by the displacements that turn
+        facets, as amplitude times slant range; None without any
+    gains : relative, of the channels by the two angles of the beam, 1/rad; None: not recorded
+    material : number of the material of a diffuse scatterer, ``NO_MATERIAL`` for other returns; None before the echo
+        is formed
+    partner : the same of the other one of a pair; None for all other returns
+    slots, texels : numbers of the shapes of ``ranges``, numbers and shares of a level's texels; empty: none
+    """
+
+    ranges: tuple[mi.Float64 | mi.Complex2f, ...]
+    rates: tuple[mi.Float, ...] | None = None
+    amplitudes: tuple[mi.Complex2f, ...] | None = None
+    gains: tuple[mi.Float, ...] | None = None
+    material: mi.UInt32 | None = None
+    partner: mi.UInt32 | None = None
+    slots: tuple[mi.UInt32, ...] = ()
+    texels: tuple[tuple[mi.UInt32, mi.Float], ...] = ()
+
+    @staticmethod
+    def selected(
+        condition: mi.Bool, a: EchoDerivative | None, b: EchoDerivative | None
+    ) -> EchoDerivative | None:
+        """Derivatives ``a`` where the condition holds, else ``b``; partner, slots and texels of ``b``."""
+        if a is None or b is None:
+            return None
+        return replace(
+            b,
+            ranges=tuple(dr.select(condition, x, y) for x, y in zip(a.ranges, b.ranges, strict=True)),
+            rates=_select(condition, a.rates, b.rates),
+            amplitudes=_select(condition, a.amplitudes, b.amplitudes),
+            gains=_select(condition, a.gains, b.gains),
+            material=dr.select(condition, a.material, b.material),
+        )
+
+
+def _select(
+    condition: mi.Bool, a: tuple[Number, ...] | None, b: tuple[Number, ...] | None
+) -> tuple[Number, ...] | None:
+    """Numbers ``a`` where the condition holds, else ``b``; None where either is."""
+    if a is None or b is None:
+        return None
+    return tuple(dr.select(condition, x, y) for x, y in zip(a, b, strict=True))
 
 
 class TangentPlan(Protocol):
@@ -240,14 +327,14 @@ class Carried(ABC):
         """Numbers of the shapes to which the displacements belong; empty where they are the same for all rays."""
         return ()
 
-    def at(self, tangents: RayTangents | None, face: mi.UInt32, active: mi.Bool) -> Carried:
+    def at(self, tangents: RayDerivative | None, face: mi.UInt32, active: mi.Bool) -> Carried:
         """The same at a hit of a ray on a face."""
         return self
 
-    def launched(self) -> RayTangents:
+    def launched(self) -> RayDerivative:
         """State of a ray at launch."""
         turning = self.turning if self.rates else ()
-        return RayTangents(
+        return RayDerivative(
             tuple(mi.Vector3d(a) for a in self.antenna),
             tuple(None if b is None else ShadowBoundary.open() for b in self.offset),
             tuple(
@@ -265,14 +352,13 @@ class Carried(ABC):
         still = mi.Vector3d(0.0)
         return Movement(still, dr.select(self.moves(k, face, active), velocity, still))
 
-    def no_rates(self) -> tuple[mi.Float64 | mi.Complex2f, ...]:
-        """Derivatives of a slant range that nothing changes."""
+    def without_return(self) -> EchoDerivative:
+        """Derivatives of a slant range and of a range rate that nothing changes."""
         real = self.beside_edges
-        return tuple(mi.Float64(0.0) if g is None or real else mi.Complex2f(0.0) for g in self.gradient)
-
-    def no_swings(self) -> tuple[mi.Float, ...] | None:
-        """Derivatives of a range rate that nothing changes; None where none is recorded."""
-        return tuple(mi.Float(0.0) for _ in self.antenna) if self.rates else None
+        return EchoDerivative(
+            tuple(mi.Float64(0.0) if g is None or real else mi.Complex2f(0.0) for g in self.gradient),
+            tuple(mi.Float(0.0) for _ in self.antenna) if self.rates else None,
+        )
 
     @abstractmethod
     def moves(self, k: int, face: mi.UInt32, active: mi.Bool) -> mi.Bool:

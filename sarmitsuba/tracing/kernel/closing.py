@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, TypeAlias
 
 from sarmitsuba.machine.backend import dr, mi
-from sarmitsuba.tracing.derivatives.range_tangents import of_tube
-from sarmitsuba.tracing.derivatives.tangents import NO_MATERIAL
-from sarmitsuba.tracing.derivatives.variants import differences, variant_hits, variant_rays
+from sarmitsuba.tracing.derivatives.tangents import (
+    EchoDerivative,
+)
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.leg import Surroundings, antenna_basis
-from sarmitsuba.tracing.kernel.propagation import mirror
 from sarmitsuba.tracing.kernel.stage import closed as by_stages
-from sarmitsuba.tracing.kernel.stage import coherent_loss
 from sarmitsuba.tracing.kernel.state import (
     COHERENT,
     Closing,
@@ -28,15 +26,12 @@ from sarmitsuba.tracing.kernel.state import (
     TubeFootprint,
 )
 from sarmitsuba.tracing.scatterers.corners.metal_corners import both_chains, corner_share
-from sarmitsuba.tracing.scatterers.edges import edge_tangents
 
 if TYPE_CHECKING:
-    from sarmitsuba.tracing.derivatives.tangents import Carried
+    from sarmitsuba.tracing.derivatives.hooks import Derivatives
 
 # amplitude of a tube's return relative to that of the whole tube in phase, down to which it is added
 NEGLIGIBLE = 1e-10
-
-Number = TypeVar("Number")
 
 # a receiving vector: real, or complex behind slabs and volumes
 Receiving: TypeAlias = "mi.Vector3f | field.ComplexVector"
@@ -44,28 +39,21 @@ Receiving: TypeAlias = "mi.Vector3f | field.ComplexVector"
 
 @dataclass(frozen=True, eq=False)
 class Receiver:
-    """Receiving polarisations (by letter) and one-way gain in the direction from a hit to the antenna.
-
-    ``gain_tangents`` : of the straight path, see :class:`Contribution`
-    """
+    """Receiving polarisations (by letter) and one-way gain in the direction from a hit to the antenna."""
 
     basis: dict[str, Receiving]
     gain: mi.Float
-    gain_tangents: tuple[mi.Float, ...] | None = None
 
 
 def receiver(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> tuple[Receiver, Lane, Hit]:
     """Receiving polarisations and gain of the antenna for a hit; lane and hit are adjusted for the delay in slabs."""
     around = Surroundings.within(kernel)
-    gain, changes = mi.Float(1.0), None
+    gain = mi.Float(1.0)
     if lane.pattern is not None:
         gain = lane.pattern.received(-hit.to_antenna)
-        if lane.beam_rates is not None:
-            back = lane.pattern.received_rates(-hit.to_antenna)
-            changes = tuple(x + y for x, y in zip(lane.beam_rates, back, strict=True))
     if around.clear:
         h, v = field.polarisation_basis(-hit.to_antenna, around.up)
-        return Receiver({"H": h, "V": v}, gain, changes), lane, hit
+        return Receiver({"H": h, "V": v}, gain), lane, hit
     through = hit.sees
     if ray.crossed is not None and not kernel.bistatic:
         # a first leg that crossed no slab has a return leg that crosses none
@@ -80,7 +68,7 @@ def receiver(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> tuple[Recei
         leg = lane.antenna - hit.p
         length = dr.norm(leg)
         hit = replace(hit, length_back=length, to_antenna64=leg / length)
-    return Receiver({"H": vectors[0], "V": vectors[1]}, gain, changes), lane, hit
+    return Receiver({"H": vectors[0], "V": vectors[1]}, gain), lane, hit
 
 
 def _along(q: Receiving, value: Callable[[mi.Vector3f], mi.Complex2f]) -> mi.Complex2f:
@@ -100,7 +88,7 @@ class TubeReturn:
     weight : 1/m^2 times the lit area and the radar's amplitude constant, with the integral of the phase
     slant_range, range_rate : float64, m and m/s, of the echo
     point : float64, m, scene frame, phase centre
-    range_tangents, rate_tangents : m and m/s per unit, see :class:`Contribution`
+    derivative : of slant range and range rate; None without parameters
     """
 
     counts: mi.Bool
@@ -108,18 +96,15 @@ class TubeReturn:
     slant_range: mi.Float64
     range_rate: mi.Float64
     point: mi.Vector3d
-    range_tangents: tuple[mi.Float64 | mi.Complex2f, ...] | None = None
-    rate_tangents: tuple[mi.Float, ...] | None = None
+    derivative: EchoDerivative | None = None
 
     @staticmethod
-    def none(tangents: Carried | None = None) -> TubeReturn:
+    def none(derivatives: Derivatives) -> TubeReturn:
         """No return."""
         # opaque: Dr.Jit merges equal literals of two branches, and then finds none of them in scope
         zero, weight = mi.Float64(0.0), dr.opaque(mi.Float, 0.0)
-        rates = None if tangents is None else tangents.no_rates()
-        swings = None if tangents is None else tangents.no_swings()
         none, nowhere = mi.Complex2f(weight, weight), mi.Vector3d(0.0)
-        return TubeReturn(mi.Bool(False), none, zero, zero, nowhere, rates, swings)
+        return TubeReturn(mi.Bool(False), none, zero, zero, nowhere, derivatives.without_return())
 
 
 def tube_return(
@@ -170,13 +155,8 @@ def tube_return(
         weight *= turned
     # a value that is not a number counts, so that it is found; a sum, as squares of weights below 1e-19 are zero
     counts = ~(dr.abs(weight.real) + dr.abs(weight.imag) <= NEGLIGIBLE * dr.abs(whole))
-    rates = swings = None
-    if kernel.tangents is not None:
-        if kernel.tangents.beside_edges:
-            rates, swings = edge_tangents.of_tube(kernel.tangents, lane, ray, hit), None
-        else:
-            rates, swings = of_tube(kernel, lane, ray, hit, tube_here, found)
-    return TubeReturn(counts, weight, found.slant_range, found.range_rate, found.point, rates, swings)
+    derivative = kernel.derivatives.at_closing(kernel, lane, ray, hit, tube_here, found)
+    return TubeReturn(counts, weight, found.slant_range, found.range_rate, found.point, derivative)
 
 
 def close_coherent(
@@ -199,8 +179,8 @@ def close_coherent(
     estimates already and are unchanged. Of the two chains of a corner the one whose last facet limits the beam is
     weighted higher, see :func:`sarmitsuba.tracing.scatterers.corners.metal_corners.corner_share`.
     """
-    amplitudes = _amplitudes(kernel, ray, hit, reflection, receive, returned.weight)
-    return Contribution(
+    amplitudes = coherent_amplitudes(kernel, ray, hit, reflection, receive, returned.weight)
+    echo = Contribution(
         kind=mi.UInt32(COHERENT),
         order=hit.order,
         pulse=lane.pulse,
@@ -209,34 +189,11 @@ def close_coherent(
         amplitudes=amplitudes,
         active=returned.counts,
         point=returned.point,
-        range_tangents=returned.range_tangents,
-        material=None if kernel.tangents is None else mi.UInt32(NO_MATERIAL),
-        amplitude_tangents=_derivatives(kernel, ray, hit, receive, returned.weight),
-        rate_tangents=returned.rate_tangents,
-        gain_tangents=receive.gain_tangents,
-        slots=() if kernel.tangents is None else kernel.tangents.slots,
     )
+    return kernel.derivatives.at_coherent_echo(kernel, lane, ray, hit, receive, returned, echo)
 
 
-def _derivatives(
-    kernel: Kernel, ray: RayState, hit: Hit, receive: Receiver, weight: mi.Complex2f
-) -> tuple[mi.Complex2f, ...] | None:
-    """Derivatives of the channels of a coherent return by the properties of materials; None without any."""
-    if not kernel.variants:
-        return None
-    own = coherent_loss(kernel, hit)
-    found = []
-    for variant, one, there in zip(
-        kernel.variants, variant_rays(ray), variant_hits(kernel, ray, hit), strict=True
-    ):
-        reflection = mirror(variant, one, there, there.normal)
-        loss = coherent_loss(variant, there)
-        ratio = dr.select(own > 0.0, loss / dr.maximum(own, 1e-30), 0.0)
-        found.append(_amplitudes(variant, one, there, reflection, receive, weight * ratio))
-    return differences(kernel, found)
-
-
-def _amplitudes(
+def coherent_amplitudes(
     kernel: Kernel, ray: RayState, hit: Hit, reflection: Reflection, receive: Receiver, weight: mi.Complex2f
 ) -> tuple[mi.Complex2f, ...]:
     """Recorded channels of a coherent return; see :func:`close_coherent`."""
@@ -287,20 +244,5 @@ def selected(condition: mi.Bool, a: Contribution, b: Contribution) -> Contributi
         range_rate=dr.select(condition, a.range_rate, b.range_rate),
         amplitudes=tuple(dr.select(condition, x, y) for x, y in zip(a.amplitudes, b.amplitudes, strict=True)),
         point=dr.select(condition, a.point, b.point),
-        range_tangents=_chosen(condition, a.range_tangents, b.range_tangents),
-        material=None
-        if a.material is None or b.material is None
-        else dr.select(condition, a.material, b.material),
-        amplitude_tangents=_chosen(condition, a.amplitude_tangents, b.amplitude_tangents),
-        rate_tangents=_chosen(condition, a.rate_tangents, b.rate_tangents),
-        gain_tangents=_chosen(condition, a.gain_tangents, b.gain_tangents),
+        derivative=EchoDerivative.selected(condition, a.derivative, b.derivative),
     )
-
-
-def _chosen(
-    condition: mi.Bool, a: tuple[Number, ...] | None, b: tuple[Number, ...] | None
-) -> tuple[Number, ...] | None:
-    """Numbers ``a`` where the condition holds, else ``b``; None where either is."""
-    if a is None or b is None:
-        return None
-    return tuple(dr.select(condition, x, y) for x, y in zip(a, b, strict=True))

@@ -6,8 +6,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeAlias
 
 from sarmitsuba.machine.backend import dr, mi
-from sarmitsuba.tracing.derivatives.range_tangents import of_scatterer
-from sarmitsuba.tracing.derivatives.variants import differences, variant_hits, variant_rays
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.closing import Receiver, Receiving, selected
 from sarmitsuba.tracing.kernel.scattering_matrix import ScatteringMatrix, speckle_coefficients
@@ -25,12 +23,12 @@ from sarmitsuba.tracing.kernel.state import (
     TubeFootprint,
 )
 from sarmitsuba.tracing.kernel.table_rows import MaterialRow
-from sarmitsuba.tracing.scatterers.edges import edge_tangents
 from sarmitsuba.tracing.scatterers.water.temporal import Age
 from sarmitsuba.tracing.scatterers.water.wind_waves import WaterTables
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
+    from sarmitsuba.tracing.derivatives.tangents import PatchDerivative
     from sarmitsuba.tracing.kernel.movement import Movement
 
 
@@ -81,8 +79,7 @@ class DiffuseReturns:
     straight_weight, reciprocal_weight : amplitude factors of the straight and of the reciprocal path
     receive : receiving polarisations and gain of the antenna for the hit
     age : change of the scatterers since the first pass; None where nothing changes
-    variants : terms with other materials, of the straight and the reciprocal path; empty without any
-    texels : see :class:`Contribution`
+    derivative : of the returns' tensors; None without parameters
     """
 
     kernel: Kernel
@@ -97,8 +94,7 @@ class DiffuseReturns:
     reciprocal_weight: mi.Float
     receive: Receiver
     age: Age | None
-    variants: tuple[tuple[Terms, Terms | None], ...] = ()
-    texels: tuple[tuple[mi.UInt32, mi.Float], ...] = ()
+    derivative: PatchDerivative | None = None
 
     def first(self) -> Slot:
         """The first return of the hit."""
@@ -161,15 +157,7 @@ class DiffuseReturns:
         length, length_back = dr.norm(leg), dr.norm(leg_back)
         rate_out = -dr.dot(leg, seen_from(movement, ray.virtual_velocity)) / length
         rate_back = dr.dot(leg_back, seen_from(movement, lane.velocity)) / length_back
-        rates = back_rates = swings = back_swings = material = None
-        slots: tuple[mi.UInt32, ...] = ()
-        if self.kernel.tangents is not None:
-            if self.kernel.tangents.beside_edges:
-                rates, back_rates = edge_tangents.of_scatterer(self.kernel.tangents, lane, ray, hit, centre)
-            else:
-                found = of_scatterer(self.kernel, ray, hit, lane, centre)
-                (rates, swings), (back_rates, back_swings) = found
-            material, slots = hit.material & MATERIAL_MASK, self.kernel.tangents.slots
+        changes = self.kernel.derivatives.at_scatterer(self, centre, random)
         straight = Contribution(
             kind=mi.UInt32(DIFFUSE),
             order=hit.order,
@@ -179,15 +167,7 @@ class DiffuseReturns:
             amplitudes=tuple(mixed(terms, random) * self.straight_weight for terms in self.straight),
             active=active,
             point=centre,
-            range_tangents=rates,
-            material=material,
-            amplitude_tangents=self._derivatives(
-                [terms for terms, _ in self.variants], random, self.straight_weight
-            ),
-            rate_tangents=swings,
-            gain_tangents=self.receive.gain_tangents,
-            slots=slots,
-            texels=self.texels,
+            derivative=changes[0],
         )
         if self.reciprocal is None:
             return straight
@@ -198,12 +178,7 @@ class DiffuseReturns:
             slant_range=length,
             range_rate=rate_out,
             amplitudes=tuple(mixed(terms, random) * self.reciprocal_weight for terms in self.reciprocal),
-            range_tangents=back_rates,
-            amplitude_tangents=self._derivatives(
-                [terms or [] for _, terms in self.variants], random, self.reciprocal_weight
-            ),
-            rate_tangents=back_swings,
-            gain_tangents=None if lane.beam_rates is None else tuple(2.0 * x for x in lane.beam_rates),
+            derivative=changes[1],
         )
         if self.reverse is None or slot.other_way is None:
             return selected(slot.back, reciprocal, straight)
@@ -217,13 +192,6 @@ class DiffuseReturns:
             selected(slot.back, reciprocal, straight),
         )
 
-    def _derivatives(
-        self, variants: list[Terms], random: list[mi.Complex2f], weight: mi.Float
-    ) -> tuple[mi.Complex2f, ...] | None:
-        """Derivatives of the channels by the properties of materials; None without any."""
-        amplitudes = [[mixed(terms, random) * weight for terms in variant] for variant in variants]
-        return differences(self.kernel, amplitudes)
-
     def _at_place(self, centre: mi.Vector3d, active: mi.Bool) -> DiffuseReturns:
         """The same returns with the material, map value and texture at a scatterer (float64, m, at time zero).
 
@@ -236,15 +204,12 @@ class DiffuseReturns:
         offset = mi.Vector3f(centre - vertex)
         own = hit.own_material & MATERIAL_MASK
         out = self
-        if kernel.tangents is not None and kernel.tangents.mapped and surfaces.levels is not None:
-            out = replace(out, texels=surfaces.levels.shares(hit.face, own, offset, active))
         if surfaces.classes is not None:
             bits = scene.material_at(hit.face, hit.own_material, offset, active)
             properties = MaterialRow.of(scene.material_table, bits & MATERIAL_MASK, active)
             hit = replace(hit, material=bits, properties=properties)
-            terms = _terms(kernel, self.lane, self.ray, hit, self.receive)
+            terms = diffuse_terms(kernel, self.lane, self.ray, hit, self.receive)
             out = replace(out, hit=hit, straight=terms[0], reciprocal=terms[1], reverse=terms[2])
-            out = replace(out, variants=_variants(kernel, self.lane, self.ray, hit, self.receive))
             if self.age is not None:
                 out = replace(out, age=Age.of(kernel, scene.change_table, bits & MATERIAL_MASK))
         factor = surfaces.amplitude(
@@ -260,6 +225,7 @@ class DiffuseReturns:
             out,
             straight_weight=self.straight_weight * factor,
             reciprocal_weight=self.reciprocal_weight * factor,
+            derivative=kernel.derivatives.at_place(out, offset, active),
         )
 
     def _reversed(
@@ -318,7 +284,7 @@ def close_diffuse(
 ) -> DiffuseReturns:
     """Echoes of the persistent scatterers in the ray's patch: straight to the antenna, and reciprocal paths."""
     constants = kernel.constants
-    straight, reciprocal, reverse = _terms(kernel, lane, ray, hit, receive)
+    straight, reciprocal, reverse = diffuse_terms(kernel, lane, ray, hit, receive)
     patch = tube_here.patch
     cell = cell_on(constants.cell, hit.largest_cell)
     if ray.spread is not None:
@@ -350,22 +316,14 @@ def close_diffuse(
         reciprocal_weight=weight * tube_here.loss_reciprocal,
         receive=receive,
         age=Age.of(kernel, kernel.scene.change_table, hit.material & MATERIAL_MASK),
-        variants=_variants(kernel, lane, ray, hit, receive),
+        derivative=kernel.derivatives.at_patch(kernel, lane, ray, hit, receive),
     )
 
 
 Terms: TypeAlias = "list[list[mi.Complex2f]]"
 
 
-def _variants(
-    kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, receive: Receiver
-) -> tuple[tuple[Terms, Terms | None], ...]:
-    """Terms of the straight and of the reciprocal path with the materials of every variant."""
-    found = zip(kernel.variants, variant_rays(ray), variant_hits(kernel, ray, hit), strict=True)
-    return tuple(_terms(one, lane, its_ray, its_hit, receive)[:2] for one, its_ray, its_hit in found)
-
-
-def _terms(
+def diffuse_terms(
     kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, receive: Receiver
 ) -> tuple[Terms, Terms | None, Terms | None]:
     """Per channel, values of the fixed tensors for the straight, the reciprocal and the reversed path."""

@@ -17,7 +17,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Protocol, TypeVar, runtime_checkable
 
 from sarmitsuba.machine.backend import dr, mi
-from sarmitsuba.tracing.derivatives.variants import reflected_variants, variant_rays
 from sarmitsuba.tracing.kernel.closing import TubeReturn, close_coherent, receiver, selected, tube_return
 from sarmitsuba.tracing.kernel.diffuse_return import DiffuseReturns, Slot, close_diffuse
 from sarmitsuba.tracing.kernel.propagation import (
@@ -31,7 +30,7 @@ from sarmitsuba.tracing.kernel.propagation import (
     through_passages,
 )
 from sarmitsuba.tracing.kernel.stage import arrived as by_stages
-from sarmitsuba.tracing.kernel.stage import launched, vanishing
+from sarmitsuba.tracing.kernel.stage import vanishing
 from sarmitsuba.tracing.kernel.state import (
     NO_HIT,
     Contribution,
@@ -98,9 +97,6 @@ def trace(kernel: Kernel, antenna: Antenna, accumulator: Accumulator) -> tuple[T
     state : the accumulator's loop state after the last bounce
     """
     lane, ray = launch(kernel, antenna)
-    ray = launched(kernel, lane, ray)
-    if kernel.variants:
-        ray = replace(ray, variants=(ray.fields,) * len(kernel.variants))
     if isinstance(accumulator, Follower):
         ray = replace(ray, trail=mi.UInt32(NO_HIT))
 
@@ -168,13 +164,8 @@ def _bounce(
     """
     flags = kernel.flags
     hit = arrive(kernel, lane, ray, found)
-    if kernel.tangents is not None:
-        kernel = replace(kernel, tangents=kernel.tangents.at(ray.tangents, hit.face, hit.active))
     there = by_stages(kernel, lane, through_passages(kernel, ray, hit), hit)
-    ray = past_foci(there, hit)
-    if kernel.variants:
-        others = (through_passages(kernel, v, hit) for v in variant_rays(there))
-        ray = replace(ray, variants=tuple(past_foci(other, hit).fields for other in others))
+    kernel, ray, hit = kernel.derivatives.at_hit(kernel, lane, past_foci(there, hit), hit)
     tube_here = footprint(kernel, lane, ray, hit)
     if tube_here.lost is not None:
         hit = hit.without(tube_here.lost)
@@ -189,20 +180,15 @@ def _bounce(
         returned = _only_where(
             hit.sees & ~vanishing(kernel, hit, tube_here),
             lambda: tube_return(kernel, lane, ray, hit, tube_here, receive),
-            partial(TubeReturn.none, kernel.tangents),
+            partial(TubeReturn.none, kernel.derivatives),
         )
     coherent = partial(close_coherent, kernel, lane, ray, hit, reflection, receive)
     if flags.diffuse:
         first = None
         if flags.coherent:
-            zeros = tuple(mi.Complex2f(0.0) for _ in flags.channels)
-            if not kernel.variants:
-                amplitudes = _only_where(
-                    returned.counts, lambda: coherent(returned).amplitudes, lambda: zeros
-                )
-                first = replace(coherent(returned), amplitudes=amplitudes)
-            else:
-                first = _with_derivatives(coherent, returned, zeros * (1 + len(kernel.per_unit)))
+            zeros = kernel.derivatives.per_amplitude * tuple(mi.Complex2f(0.0) for _ in flags.channels)
+            values = _only_where(returned.counts, lambda: coherent(returned).values, lambda: zeros)
+            first = coherent(returned).with_values(values)
         diffuse = close_diffuse(kernel, lane, ray, hit, tube_here, receive)
         added, count = _add_all(accumulator, added, first, diffuse)
     elif flags.coherent:
@@ -218,24 +204,7 @@ def _bounce(
     mirrored = replace(
         reflect(kernel, lane, ray, hit, tube_here, reflection), contributions=count, trail=trail
     )
-    if kernel.variants:
-        mirrored = replace(mirrored, variants=reflected_variants(kernel, lane, ray, hit, tube_here))
     return there, hit, mirrored, added
-
-
-def _with_derivatives(
-    coherent: Callable[[TubeReturn], Contribution], returned: TubeReturn, zeros: tuple[mi.Complex2f, ...]
-) -> Contribution:
-    """Coherent return with the derivatives of its amplitudes, computed where it counts."""
-
-    def amplitudes() -> tuple[mi.Complex2f, ...]:
-        found = coherent(returned)
-        assert found.amplitude_tangents is not None
-        return found.amplitudes + found.amplitude_tangents
-
-    outside = coherent(returned)
-    n, values = len(outside.amplitudes), _only_where(returned.counts, amplitudes, lambda: zeros)
-    return replace(outside, amplitudes=values[:n], amplitude_tangents=values[n:])
 
 
 def _only_where(lanes: mi.Bool, then: Callable[[], Value], otherwise: Callable[[], Value]) -> Value:

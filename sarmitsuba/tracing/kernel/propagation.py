@@ -9,7 +9,6 @@ import numpy as np
 
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.scene.mesh.boundary_edges import N_EDGES
-from sarmitsuba.tracing.derivatives.range_tangents import mirrored_tangents
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.antenna_weight import fade
 from sarmitsuba.tracing.kernel.device_arrays import device_array, vector_rows
@@ -17,11 +16,12 @@ from sarmitsuba.tracing.kernel.intersector import query_ray
 from sarmitsuba.tracing.kernel.leg import Surroundings, beam_patterns
 from sarmitsuba.tracing.kernel.movement import ShadowBoundary
 from sarmitsuba.tracing.kernel.scene_tables import CLOSED_BIT, INNER_BIT, MATERIAL_MASK
-from sarmitsuba.tracing.kernel.stage import mirrored
+from sarmitsuba.tracing.kernel.stage import launched, mirrored
 from sarmitsuba.tracing.kernel.state import (
     Hit,
     Kernel,
     Lane,
+    LaunchPlace,
     Mirror,
     RayState,
     Reflection,
@@ -31,8 +31,6 @@ from sarmitsuba.tracing.kernel.state import (
 from sarmitsuba.tracing.kernel.table_rows import FaceRow, MaterialRow, SlabRow
 from sarmitsuba.tracing.kernel.tubes import curved_mirror, polygon, tube
 from sarmitsuba.tracing.scatterers.corners.metal_corners import mirror_at
-from sarmitsuba.tracing.scatterers.edges.edge_state import EdgeLane
-from sarmitsuba.tracing.scatterers.edges.edge_tangents import begun, shadowed
 from sarmitsuba.tracing.scatterers.slabs.passage import passed
 from sarmitsuba.tracing.scatterers.slabs.slab_passage import slab_factors
 
@@ -102,13 +100,8 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         needs=needs,
         serves=serves,
         pattern=None if beams is None else beams[1],
-        beam_rates=beams[0].rates(d) if beams and kernel.tangents and kernel.tangents.pointing else None,
         time=None if pulses.time is None else dr.gather(f64, device_array(f64, pulses.time), pulse),
-        edge=None if grid.edges is None else EdgeLane.of(grid.edges, row, distance),
     )
-    tangents = None if kernel.tangents is None else kernel.tangents.launched()
-    if tangents is not None and grid.edges is not None:
-        tangents = begun(tangents, grid.edges, row, d64, (axis_x, axis_y))
     state = RayState(
         active=dr.full(mi.Bool, True, grid.n_rays * pulses.n_pulses),
         hits=u32(0),
@@ -129,9 +122,11 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         contributions=u32(0),
         crossed=u32(0) if kernel.transmits else None,
         mirror=Mirror.none() if kernel.reversible else None,
-        tangents=tangents,
     )
-    return lane, state
+    state = launched(kernel, lane, state)
+    return kernel.derivatives.at_launch(
+        kernel, lane, state, LaunchPlace(row, distance, (axis_x, axis_y), None if beams is None else beams[0])
+    )
 
 
 def _level(
@@ -234,7 +229,7 @@ def arrive(kernel: Kernel, lane: Lane, ray: RayState, found: Found) -> Hit:
         )
     bits = scene.material_at(face, info.material_bits, mi.Vector3f(p - vertex0), known)
     material = bits & MATERIAL_MASK
-    hit = Hit(
+    return Hit(
         active=active,
         first=first,
         order=dr.select(active, ray.hits + 1, ray.hits),
@@ -263,7 +258,6 @@ def arrive(kernel: Kernel, lane: Lane, ray: RayState, found: Found) -> Hit:
         met=met,
         before_facet=before,
     )
-    return hit if lane.edge is None else shadowed(lane, ray, hit)
 
 
 def next_facet(scene: TraceScene, lane: Lane, ray: RayState) -> Found:
@@ -462,7 +456,7 @@ def reflect(
         receiver = receiver - n64 * (2.0 * dr.dot(receiver - hit.p, n64))
         relative = receiver_velocity if hit.movement is None else receiver_velocity - hit.movement.velocity
         receiver_velocity = receiver_velocity - n64 * (2.0 * dr.dot(relative, n64))
-    return RayState(
+    out = RayState(
         active=hit.active & (hit.order < kernel.constants.max_depth) & (~hit.first | lane.serves[1]),
         hits=hit.order,
         origin=hit.departure,
@@ -480,10 +474,8 @@ def reflect(
         contributions=ray.contributions,
         crossed=ray.crossed,
         mirror=None if ray.mirror is None else mirror_at(kernel, hit),
-        tangents=None
-        if kernel.tangents is None
-        else mirrored_tangents(kernel.tangents, lane, ray, hit, tube_here, n64),
     )
+    return kernel.derivatives.at_mirror(kernel, lane, ray, hit, tube_here, n64, out)
 
 
 def _curved_mirror(

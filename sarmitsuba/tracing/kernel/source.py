@@ -11,10 +11,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from sarmitsuba.machine.backend import dr, mi
-from sarmitsuba.tracing.derivatives.leg_tangents import with_leg_tangents
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.closing import selected
 from sarmitsuba.tracing.kernel.intersector import query_ray
@@ -339,8 +339,8 @@ class PointSource:
             active=out.seen & home.seen,
             point=point,
         )
-        shifts = () if kernel.tangents is None else self.scatterers.shifts(kernel, index, out, home)
-        return with_leg_tangents(kernel, antenna, echo, (out, home), shifts)
+        shifts = partial(self.scatterers.shifts, kernel, index, out, home)
+        return kernel.derivatives.at_echo(kernel, antenna, echo, (out, home), shifts)
 
     @property
     def unknown(self) -> frozenset[str]:

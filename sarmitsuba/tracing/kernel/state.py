@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba.machine.backend import dr, mi
-from sarmitsuba.tracing.derivatives.tangents import RayTangents  # as the next
+from sarmitsuba.tracing.derivatives.hooks import NO_DERIVATIVES, Derivatives
+from sarmitsuba.tracing.derivatives.tangents import EchoDerivative, RayDerivative  # as the next
 from sarmitsuba.tracing.kernel.field import ComplexVector
 from sarmitsuba.tracing.kernel.movement import ShadowBoundary  # as the next
 from sarmitsuba.tracing.kernel.tubes.tube import (
@@ -18,7 +19,7 @@ from sarmitsuba.tracing.scatterers.slabs.slab_coefficients import lets_waves_thr
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
-    from sarmitsuba.tracing.derivatives.tangents import Carried
+    from sarmitsuba.tracing.derivatives.tangents import LaneDerivative
     from sarmitsuba.tracing.kernel.antenna_weight import BeamPattern
     from sarmitsuba.tracing.kernel.launch import LaunchGrid, PulseBatch
     from sarmitsuba.tracing.kernel.movement import Movement
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from sarmitsuba.tracing.kernel.table_rows import MaterialRow, SlabRow
     from sarmitsuba.tracing.kernel.tubes.polygon import Bounds
     from sarmitsuba.tracing.kernel.tubes.tube import Patch
-    from sarmitsuba.tracing.scatterers.edges.edge_state import EdgeLane
 
 # kinds of return, as numbers that a lane can carry
 COHERENT, DIFFUSE, RECIPROCAL = range(3)
@@ -138,8 +138,7 @@ class Constants:
 class Kernel:
     """Common inputs of all parts of one recorded kernel; its scene lacks the tables of effects that are off.
 
-    ``tangents``, ``variants``, ``per_unit`` and ``turn`` are for derivatives, see
-    :mod:`sarmitsuba.tracing.derivatives.variants`.
+    ``derivatives`` : hooks by which derivatives are carried along the paths; without parameters they do nothing
     """
 
     scene: TraceScene
@@ -147,10 +146,7 @@ class Kernel:
     pulses: PulseBatch
     flags: KernelFlags
     constants: Constants
-    tangents: Carried | None = None
-    variants: tuple[Kernel, ...] = ()
-    per_unit: tuple[mi.Float, ...] = ()
-    turn: tuple[int, mi.Float] | None = None
+    derivatives: Derivatives = NO_DERIVATIVES
 
     @classmethod
     def of(
@@ -212,7 +208,7 @@ class Lane:
     serves : whether the ray gives echoes of its first hit, and of later ones
     pattern : of the receiving antenna, None for an isotropic one
     time : s, float64, of the pulse, where the kernel depends on it; None: everything is as at time zero
-    edge, beam_rates : of a ray beside an edge, and 1/rad, slopes of the launch's gain; None: not recorded
+    derivative : values for the derivatives along its path; None without parameters
     """
 
     pulse: mi.UInt32
@@ -229,8 +225,25 @@ class Lane:
     serves: tuple[mi.Bool, mi.Bool]
     pattern: BeamPattern | None
     time: mi.Float64 | None = None
-    edge: EdgeLane | None = None
-    beam_rates: tuple[mi.Float, mi.Float] | None = None
+    derivative: LaneDerivative | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LaunchPlace:
+    """Place of a lane in its launch.
+
+    Parameters
+    ----------
+    row : of the lane in the tables of the launch
+    distance : float64, m, from the antenna to the launch plane
+    axes : float64, unit vectors of the launch plane
+    beam : of the transmitting antenna; None for an isotropic one
+    """
+
+    row: mi.UInt32
+    distance: mi.Float64
+    axes: tuple[mi.Vector3d, mi.Vector3d]
+    beam: BeamPattern | None
 
 
 @dataclass
@@ -292,8 +305,7 @@ class RayState:
     crossed : number of slabs that the path crossed; None where no slab transmits
     mirror : facet of the last reflection; None where paths and their reverses are not averaged
     trail : number given to the last hit by a follower, ``NO_HIT`` before the first; None without a follower
-    tangents : derivatives by displacements; None without any
-    variants : fields with other materials or turned facets; empty without any
+    derivative : of the path so far; None without parameters
     """
 
     active: mi.Bool
@@ -314,8 +326,7 @@ class RayState:
     crossed: mi.UInt32 | None = None
     mirror: Mirror | None = None
     trail: mi.UInt32 | None = None
-    tangents: RayTangents | None = None
-    variants: tuple[tuple[ComplexVector, ...], ...] = ()
+    derivative: RayDerivative | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -460,14 +471,7 @@ class Contribution:
     amplitudes : one complex float32 per channel, without the phase of the slant range
     active : lanes that have the echo
     point : float64, m, scene frame; phase centre on the surface of the hit
-    range_tangents : derivatives of the slant range by displacements, m per unit, see :mod:`.range_tangents`; or None
-    material : number of the material of a diffuse scatterer, ``NO_MATERIAL`` for other returns; None without parameters
-    partner : the same of the other one of a pair; None for all other returns
-    amplitude_tangents : derivatives of the channels by properties of materials, property by property, then by the
-        displacements that turn facets, as amplitude times slant range; None without any
-    rate_tangents : derivatives of the range rate by displacements, m/s per unit; None where none is recorded
-    gain_tangents : relative derivatives of the channels by the two angles of the beam, 1/rad; None: not recorded
-    slots, texels : numbers of the shapes of ``range_tangents``, numbers and shares of a level's texels; empty: none
+    derivative : of the echo; None without parameters
     """
 
     kind: mi.UInt32
@@ -478,14 +482,20 @@ class Contribution:
     amplitudes: tuple[mi.Complex2f, ...]
     active: mi.Bool
     point: mi.Vector3d
-    range_tangents: tuple[mi.Float64 | mi.Complex2f, ...] | None = None
-    material: mi.UInt32 | None = None
-    partner: mi.UInt32 | None = None
-    amplitude_tangents: tuple[mi.Complex2f, ...] | None = None
-    rate_tangents: tuple[mi.Float, ...] | None = None
-    gain_tangents: tuple[mi.Float, ...] | None = None
-    slots: tuple[mi.UInt32, ...] = ()
-    texels: tuple[tuple[mi.UInt32, mi.Float], ...] = ()
+    derivative: EchoDerivative | None = None
+
+    @property
+    def values(self) -> tuple[mi.Complex2f, ...]:
+        """Amplitudes, then their derivatives as in :class:`EchoDerivative`."""
+        changes = None if self.derivative is None else self.derivative.amplitudes
+        return self.amplitudes + (changes or ())
+
+    def with_values(self, values: tuple[mi.Complex2f, ...]) -> Contribution:
+        """The echo with other :attr:`values`."""
+        n, derivative = len(self.amplitudes), self.derivative
+        if derivative is not None:
+            derivative = replace(derivative, amplitudes=values[n:] or None)
+        return replace(self, amplitudes=values[:n], derivative=derivative)
 
     @property
     def placed(self) -> mi.Bool:

@@ -7,7 +7,6 @@ from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 from sarmitsuba.machine.backend import dr, mi
-from sarmitsuba.tracing.derivatives.range_tangents import deformation_rates
 from sarmitsuba.tracing.kernel.stage import STAGES, Stage
 from sarmitsuba.tracing.kernel.tubes import polygon
 from sarmitsuba.tracing.kernel.tubes.integral_rates import integral_with_rates
@@ -32,7 +31,7 @@ class TubeIntegral(Stage):
         """Coherent return of the tube at a hit."""
         constants, s = kernel.constants, hit.to_antenna
         wave = hit.direction - s
-        rates = deformation_rates(kernel, ray, hit, tube)
+        rates = kernel.derivatives.at_integral(kernel, ray, hit, tube)
         integral, *place = polygon.phase_integral(
             -constants.wavenumber * wave,
             tube.u,

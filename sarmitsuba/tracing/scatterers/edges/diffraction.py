@@ -298,8 +298,7 @@ class FringeCurrents(Scatterers):
         -----
         Ignores that the angles of the waves to the faces change.
         """
-        carried = kernel.tangents
-        assert carried is not None
+        carried = kernel.derivatives.displacements
         if all(offset is None for offset in carried.offset):
             return ()
         first, second = (self._row(index, i) for i in range(2))

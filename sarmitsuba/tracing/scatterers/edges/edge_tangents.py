@@ -30,22 +30,24 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from sarmitsuba.machine.backend import dr, mi
+from sarmitsuba.tracing.derivatives.tangents import EchoDerivative
 from sarmitsuba.tracing.kernel.device_arrays import device_array
 from sarmitsuba.tracing.scatterers.edges.edge_state import SHADOWED, EdgeState
 
 if TYPE_CHECKING:
-    from sarmitsuba.tracing.derivatives.tangents import Carried, RayTangents
+    from sarmitsuba.tracing.derivatives.tangents import Carried, RayDerivative
     from sarmitsuba.tracing.kernel.launch import EdgeSamples
     from sarmitsuba.tracing.kernel.state import Hit, Lane, RayState
+    from sarmitsuba.tracing.scatterers.edges.edge_state import EdgeLane
 
 
 def begun(
-    tangents: RayTangents,
+    tangents: RayDerivative,
     samples: EdgeSamples,
     row: mi.UInt32,
     d: mi.Vector3d,
     axes: tuple[mi.Vector3d, mi.Vector3d],
-) -> RayTangents:
+) -> RayDerivative:
     """State of a ray launched along ``d``; ``row``: of each lane in the samples; ``axes``: of the launch plane."""
     x, y = (dr.gather(mi.Float64, device_array(mi.Float64, n), row) for n in samples.normal.T)
     normal = axes[0] * x + axes[1] * y
@@ -63,16 +65,15 @@ def begun(
 
 def arrived(state: EdgeState, carried: Carried, lane: Lane, ray: RayState, hit: Hit) -> EdgeState:
     """State at a hit: the lit area moves with the smallest piece of surface on the path."""
-    assert ray.tangents is not None
+    assert ray.derivative is not None
     frames = []
-    for k, (boundary, before) in enumerate(zip(ray.tangents.boundary, state.frames, strict=True)):
+    for k, (boundary, before) in enumerate(zip(ray.derivative.boundary, state.frames, strict=True)):
         if boundary is None:
             frames.append(before)
             continue
         own = hit.largest_cell <= boundary.size
         frames.append(dr.select(own, _frame(state, carried, k, ray, hit, hit.p), before))
-    edge = lane.edge
-    assert edge is not None
+    edge = _edge_of(lane)
     of_edge = (hit.face == edge.faces[0]) | (hit.face == edge.faces[1])
     outline = dr.select(hit.order == edge.leg, dr.select(of_edge, mi.UInt32(1), 0), state.outline)
     mirror = (edge.leg == SHADOWED) & hit.first & (hit.face == edge.faces[0])
@@ -85,8 +86,8 @@ def shadowed(lane: Lane, ray: RayState, hit: Hit) -> Hit:
     Rays whose last leg is beside an edge are sent to its shadow. Where the edge is beside another leg too, they do not
     come there: that leg has rays of its own.
     """
-    edge, before = lane.edge, None if ray.tangents is None else ray.tangents.edge
-    assert edge is not None and before is not None
+    edge, before = _edge_of(lane), None if ray.derivative is None else ray.derivative.edge
+    assert before is not None
     here = hit.active & (hit.order == 2) & (before.outline == 1) & (hit.face == edge.faces[1])
     return replace(hit, sees=dr.select(edge.leg == SHADOWED, here, hit.sees))
 
@@ -95,40 +96,48 @@ def _frame(
     state: EdgeState, carried: Carried, k: int, ray: RayState, hit: Hit, point: mi.Vector3d
 ) -> mi.Float64:
     """Velocity of a point of the facet that was hit, as an angle about the antenna's image."""
-    assert ray.tangents is not None
+    assert ray.derivative is not None
     movement = carried.movement(k, hit.face, point, hit.active)
-    towards = -ray.tangents.virtual[k] if movement is None else movement.velocity - ray.tangents.virtual[k]
+    towards = (
+        -ray.derivative.virtual[k] if movement is None else movement.velocity - ray.derivative.virtual[k]
+    )
     # mirrors that turn swing the antenna's image about them, and with it the axes that the angle is measured in
     return dr.dot(state.across, towards) / hit.length + dr.dot(state.turns[k], hit.direction64)
 
 
-def of_tube(carried: Carried, lane: Lane, ray: RayState, hit: Hit) -> tuple[mi.Float64, ...]:
+def of_tube(carried: Carried, lane: Lane, ray: RayState, hit: Hit) -> EchoDerivative:
     """Weights of a coherent return by every displacement, 1 per unit.
 
     A path and the reversed one have the same return, and each is traced. Of three bounces or more they count twice for
     what happens on legs of the reversed path that no ray is sampled for: a facet hidden from the antenna on the way
     back, and outlines beyond the second.
     """
-    edge, before = lane.edge, None if ray.tangents is None else ray.tangents.edge
-    assert edge is not None and before is not None
+    edge, before = _edge_of(lane), None if ray.derivative is None else ray.derivative.edge
+    assert before is not None
     state = arrived(before, carried, lane, ray, hit)
     legs = edge.leg + dr.select(state.outline == 1, mi.UInt32(1), 0)
     weight = mi.Float64(edge.weight * dr.select(hit.order > dr.maximum(legs, 2), 2.0, 1.0))
-    return tuple(edge.relative(weight, k, frame) for k, frame in enumerate(state.frames))
+    return EchoDerivative(tuple(edge.relative(weight, k, frame) for k, frame in enumerate(state.frames)))
 
 
 def of_scatterer(
     carried: Carried, lane: Lane, ray: RayState, hit: Hit, centre: mi.Vector3d
-) -> tuple[tuple[mi.Float64, ...], tuple[mi.Float64, ...]]:
+) -> tuple[EchoDerivative, EchoDerivative]:
     """Weights of the returns of a diffuse scatterer by every displacement: straight, and back through the mirrors."""
-    edge, state = lane.edge, None if ray.tangents is None else ray.tangents.edge
-    assert edge is not None and state is not None
-    assert ray.tangents is not None
+    assert ray.derivative is not None and ray.derivative.edge is not None
+    edge, state = _edge_of(lane), ray.derivative.edge
     weight, found = mi.Float64(edge.weight), []
-    for k, boundary in enumerate(ray.tangents.boundary):
+    for k, boundary in enumerate(ray.derivative.boundary):
         if boundary is None:  # the parallax of an antenna is a displacement over the slant range
             found.append(mi.Float64(0.0))
         else:
             found.append(edge.relative(weight, k, _frame(state, carried, k, ray, hit, centre)))
     straight = edge.leg == SHADOWED
-    return tuple(found), tuple(dr.select(straight, 0.0, rate) for rate in found)
+    back = tuple(dr.select(straight, 0.0, rate) for rate in found)
+    return EchoDerivative(tuple(found)), EchoDerivative(back)
+
+
+def _edge_of(lane: Lane) -> EdgeLane:
+    """The edge that a ray passes."""
+    assert lane.derivative is not None and lane.derivative.edge is not None
+    return lane.derivative.edge

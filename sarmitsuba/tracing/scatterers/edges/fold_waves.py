@@ -111,8 +111,7 @@ class FoldWaves(Scatterers):
         self, kernel: Kernel, index: mi.UInt32, incident: Leg, scattered: Leg
     ) -> Sequence[Shift | None]:
         """Velocities of the folds of shapes that are displaced as a whole; their waves are kept."""
-        carried = kernel.tangents
-        assert carried is not None
+        carried = kernel.derivatives.displacements
         if all(offset is None for offset in carried.offset):
             return ()
         bisector = self._row(index, 0)

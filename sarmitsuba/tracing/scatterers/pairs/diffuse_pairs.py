@@ -28,7 +28,6 @@ import numpy as np
 
 from sarmitsuba.machine.backend import device_array, dr, mi
 from sarmitsuba.radar.polarisation import linear_parts
-from sarmitsuba.tracing.derivatives.leg_tangents import with_leg_tangents
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.antenna_weight import fade
 from sarmitsuba.tracing.kernel.diffuse_return import mixed
@@ -236,10 +235,9 @@ class PairSource:
             amplitudes=tuple(field.recorded(closed, values, flags.channels)),
             active=out.seen & home.seen,
             point=0.5 * (a.point + b.point),
-            material=None if kernel.tangents is None else a.material & MATERIAL_MASK,
-            partner=None if kernel.tangents is None else b.material & MATERIAL_MASK,
         )
-        return with_leg_tangents(kernel, antenna, echo, (out, home))
+        materials = (a.material & MATERIAL_MASK, b.material & MATERIAL_MASK)
+        return kernel.derivatives.at_echo(kernel, antenna, echo, (out, home), materials=materials)
 
 
 def _rows(pairs: SurfacePairs) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
