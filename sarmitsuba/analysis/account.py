@@ -20,7 +20,7 @@ from sarmitsuba.analysis.error_budget import (
     likely_effects_db,
     number,
 )
-from sarmitsuba.core.constants import RAY_ERROR_ORDER
+from sarmitsuba.core.constants import RAY_ERROR_ORDER, db_from_amplitude, db_from_power, power_from_db
 from sarmitsuba.signal.focusing.comparison import Alternative
 from sarmitsuba.signal.image import SarImage
 
@@ -242,7 +242,7 @@ def _target_db(data: BudgetFacts) -> float:
 def total_db(parts: Iterable[ErrorPart]) -> float:
     """Sum of the known error energies, dB; -inf where none is known."""
     energy = sum(_energy(part.error_db) for part in parts if part.counts)
-    return 10.0 * math.log10(energy) if energy > 0.0 else -math.inf
+    return db_from_power(energy)
 
 
 @dataclass(frozen=True)
@@ -262,7 +262,7 @@ class _Spent:
 
 
 def _energy(error_db: float) -> float:
-    return 0.0 if math.isnan(error_db) else 10.0 ** (0.1 * error_db)
+    return 0.0 if math.isnan(error_db) else power_from_db(error_db)
 
 
 def likely_total_db(parts: Iterable[ErrorPart]) -> float:
@@ -305,7 +305,7 @@ def _rays(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
     if not part.error_db > _LAWLESS_DB:
         return []
     if data.part("refinement"):  # passes: their number and density follow from the wanted error
-        after = part.error_db + 20.0 * RAY_ERROR_ORDER * math.log10(FINER)
+        after = part.error_db + RAY_ERROR_ORDER * db_from_amplitude(FINER)
         return [_change(part, f"--target-error {math.floor(after)}", float(math.floor(after)), math.nan)]
     found = []
     spacings = {k: number(v) for k, v in data.part("ray_spacing_settings").items()}
@@ -317,7 +317,7 @@ def _rays(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
     kept = f" {_path('key_pulse_interval', int(interval))}" if chosen else ""
     for factor in (FINER, COARSER):
         options = " ".join(f"-D sar_path.{k}={factor * v:.4g}" for k, v in spacings.items()) + kept
-        after = part.error_db + 20.0 * RAY_ERROR_ORDER * math.log10(factor)
+        after = part.error_db + RAY_ERROR_ORDER * db_from_amplitude(factor)
         found.append(_change(part, options, after, spent.rays * (factor**-2 - 1.0)))
     return found
 
@@ -351,10 +351,10 @@ def _blocks(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
     if not part.error_db > _LAWLESS_DB or not interval >= 2.0:
         return []
     half = int(interval) // 2
-    after = part.error_db + 10.0 * BLOCK_ORDER * math.log10(half / interval)
+    after = part.error_db + BLOCK_ORDER * db_from_power(half / interval)
     found = [_change(part, _path("key_pulse_interval", half), after, spent.tracing * (interval / half - 1.0))]
     if number(data.part("settings").get("key_pulse_interval")) > 0.0:
-        after = part.error_db + 10.0 * BLOCK_ORDER * math.log10(2.0)
+        after = part.error_db + BLOCK_ORDER * db_from_power(2.0)
         found.append(
             _change(part, _path("key_pulse_interval", 2 * int(interval)), after, -0.5 * spent.tracing)
         )

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.arrays import F64, unit_rows
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.collection import Flight
 from sarmitsuba.radar.mode import right_of
@@ -89,9 +89,7 @@ class Viewpoint:
         velocity = (
             self.transmitter.velocity if self.squint_sine is None else self.transmitter.velocity_at(time)
         )
-        return FixedAntennas(
-            transmitter, receiver, velocity / np.linalg.norm(velocity, axis=-1, keepdims=True)
-        )
+        return FixedAntennas(transmitter, receiver, unit_rows(velocity))
 
     def distance(self, points: F64) -> F64:
         """Slant range of points (..., 3), half the two-way path, (...,) m."""
@@ -125,7 +123,7 @@ class FixedAntennas:
     def gradient(self, points: F64) -> F64:
         """Gradient of the slant range, (..., 3): the line of sight, or the mean of both."""
         lines = [points - place for place in (self.transmitter, self.receiver)]
-        units = [line / np.linalg.norm(line, axis=-1, keepdims=True) for line in lines]
+        units = [unit_rows(line) for line in lines]
         return np.asarray(0.5 * (units[0] + units[1]))
 
     def sine(self, points: F64) -> F64:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sarmitsuba.core.constants import db_from_power, power_from_db
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.raw.gridding import gridding_kernel
@@ -277,8 +278,8 @@ def _gridding(data: BudgetFacts) -> ErrorPart:
 def gridding_error_db(width: int) -> float:
     """Bound of the aliasing and rounding of gridding kernels of so many cells, relative to the echoes, dB."""
     # range, and range rate or azimuth
-    kernel = 2.0 * 10.0 ** (0.1 * gridding_kernel(width).error_db)
-    return 10.0 * math.log10(kernel + 10.0 ** (0.1 * _ROUNDING_DB))
+    kernel = 2.0 * power_from_db(gridding_kernel(width).error_db)
+    return db_from_power(kernel + power_from_db(_ROUNDING_DB))
 
 
 def _focuser(data: BudgetFacts) -> ErrorPart:
@@ -326,8 +327,8 @@ def _theory(data: BudgetFacts, image: SarImage) -> ErrorPart:
     repeated = number(found.get("repeated_share"))
     if not math.isnan(repeated):
         later = bounces_left_out(data)  # all of the image's energy without a pilot
-        share += repeated * 10.0 ** (0.1 * later[1] if len(later) > 1 else 0.0)
-    part = ErrorPart(THEORY, min(10.0 * math.log10(share), 0.0), LAW, why)
+        share += repeated * power_from_db(later[1] if len(later) > 1 else 0.0)
+    part = ErrorPart(THEORY, min(db_from_power(share), 0.0), LAW, why)
     return _witnessed(part, data.part("witnesses").get("theory"))
 
 
@@ -353,8 +354,8 @@ def effects_db(decisions: Iterable[Mapping[str, object]], laws_lower_by: float =
     for decision in decisions:
         error = number(decision.get("error_db"))
         if not math.isnan(error):
-            energy += 10.0 ** (0.1 * (error - laws_lower_by * by_law(decision)))
-    return 10.0 * math.log10(energy) if energy > 0.0 else -math.inf
+            energy += power_from_db(error - laws_lower_by * by_law(decision))
+    return db_from_power(energy)
 
 
 def by_law(decision: Mapping[str, object]) -> bool:

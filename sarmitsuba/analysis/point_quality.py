@@ -13,6 +13,7 @@ import scipy
 
 from sarmitsuba.analysis.carrier import Carrier, Lobes
 from sarmitsuba.core.arrays import C64, C128
+from sarmitsuba.core.constants import db_from_power, power_from_db
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.signal.focusing.windows import Window, parse_window
@@ -201,7 +202,7 @@ def find_points(image: SarImage, channel: str | None = None, most: int = 12) -> 
     if not lit.size:
         return ()
     level = float(np.median(lit)) * _MEAN_OVER_MEDIAN
-    rows, columns = np.nonzero((power == top) & (power > level * 10.0 ** (_ABOVE_DB / 10.0)))
+    rows, columns = np.nonzero((power == top) & (power > level * power_from_db(_ABOVE_DB)))
     order = np.argsort(-power[rows, columns], kind="stable")
     found: list[PointQuality] = []
     for row, column in zip(rows[order], columns[order], strict=True):
@@ -272,7 +273,7 @@ def _measure(
         azimuth_error=azimuth - place[0] if known else math.nan,
         range_error=range_ - place[1] if known else math.nan,
         rcs=m.rcs,
-        rcs_error_db=10.0 * math.log10(m.rcs / known.rcs) if known and known.rcs else math.nan,
+        rcs_error_db=db_from_power(m.rcs / known.rcs) if known and known.rcs else math.nan,
         phase=phase,
         phase_error=_wrapped(phase - known.phase) if known and known.phase is not None else math.nan,
         background_db=_background_db(chip, m, cells, step),
@@ -307,7 +308,7 @@ def _background_db(
     ]
     rest = np.abs(chip[np.ix_(*away)]) ** 2
     level = float(np.median(rest)) * _MEAN_OVER_MEDIAN if rest.size else 0.0
-    return 10.0 * math.log10(m.rcs / level) if level > 0.0 else math.inf
+    return db_from_power(m.rcs / level) if level > 0.0 else math.inf
 
 
 def _wrapped(phase: float) -> float:

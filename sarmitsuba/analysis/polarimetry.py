@@ -114,7 +114,7 @@ class QuadPol:
         total = np.sum(
             np.abs(self.hv.astype(np.complex128)) ** 2 + np.abs(self.vh.astype(np.complex128)) ** 2
         )
-        return float(db_from_power(difference / total)) if total > _ROUNDING * co_polar else float("nan")
+        return db_from_power(difference / total) if total > _ROUNDING * co_polar else float("nan")
 
 
 def quad_pol(image: SarImage) -> QuadPol:
@@ -386,7 +386,7 @@ def colours(powers: ArrayLike, *, white_db: float | None = None, span_db: float 
     lit = total > 0.0
     if not lit.any():
         return np.zeros(p.shape, dtype=np.uint8)
-    level = 10.0 * np.log10(np.where(lit, total, 1.0))
+    level = db_from_power(np.where(lit, total, 1.0))
     white = float(np.percentile(level[lit], WHITE_PERCENTILE)) if white_db is None else white_db
     brightness = np.where(lit, np.clip(1.0 + (level - white) / span_db, 0.0, 1.0), 0.0)
     hue = np.sqrt(p / np.where(lit, p.max(axis=-1), 1.0)[..., None])

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of, scene_record
-from sarmitsuba.core.constants import DEFAULT_WINDOW
+from sarmitsuba.core.constants import DEFAULT_WINDOW, db_from_power, power_from_db
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.timing import StageTimer
 
@@ -292,7 +292,7 @@ def _write(folder: "OutputFolder", scene: "Scene", sweep: "RcsSweep", console: C
         best = int(np.argmax(total))
         console.say(
             f"{channel}: strongest {total[best]:.2f} dBsm at {swept} {angle[best]:g} deg, mean "
-            f"{10 * np.log10(max(float(np.mean(10 ** (total / 10))), 1e-300)):.2f} dBsm; {kind} error {error:.1f} dB"
+            f"{db_from_power(max(float(np.mean(power_from_db(total))), 1e-300)):.2f} dBsm; {kind} error {error:.1f} dB"
         )
         parts = {f"{n} bounce{'s' if n > 1 else ''}": sweep.dbsm(channel, n) for n in sweep.orders}
         parts = parts if len(parts) > 1 else {}

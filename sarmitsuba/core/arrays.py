@@ -51,6 +51,22 @@ def box_corners(box: F64) -> F64:
     return np.array(list(product(*np.asarray(box).T)))
 
 
+def unit_rows(vectors: F64) -> F64:
+    """Vectors (..., k) over their lengths; one of length zero stays zero."""
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300))
+
+
+def sum_energy(values: NDArray[np.complexfloating]) -> float:
+    """Sum of squared magnitudes, added up in float64."""
+    return float(np.sum(values.real**2 + values.imag**2, dtype=np.float64))
+
+
+def sum_energies(planes: NDArray[np.complexfloating]) -> F64:
+    """Energy (n,) of each plane (n, ...), see :func:`sum_energy`."""
+    axes = tuple(range(1, planes.ndim))
+    return np.asarray(np.sum(planes.real**2 + planes.imag**2, axis=axes, dtype=np.float64))
+
+
 def all_finite(data: NDArray[np.complexfloating] | NDArray[np.floating]) -> bool:
     """Whether every number is finite, tested by a sum of squares in one pass without a temporary array."""
     flat = np.ascontiguousarray(data).reshape(-1)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.constants import db_from_power
 
 # dB above what a law foretold from which a run says so
 CONTRADICTION_DB = 3.0
@@ -111,7 +112,7 @@ def _power(part: float, whole: float) -> float:
 def _db(part: float, whole: float) -> float:
     if part <= 0.0:
         return -math.inf
-    return 10.0 * math.log10(part / whole) if whole > 0.0 else math.inf
+    return db_from_power(part / whole) if whole > 0.0 else math.inf
 
 
 def _finite(value: float) -> float | None:

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from sarmitsuba.core.arrays import F64, box_corners
+from sarmitsuba.core.constants import amplitude_from_db, db_from_power, power_from_db
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.effects.slabs_between import seen_through
 from sarmitsuba.scene.materials.map_materials import with_parts
@@ -203,7 +204,7 @@ class PilotResult:
 
     def settled(self, tolerance_db: float) -> bool:
         """Whether enough bounces were traced, by their returns and by the power that continues after the last."""
-        limit = 10.0 ** (0.1 * tolerance_db)
+        limit = power_from_db(tolerance_db)
         return self.enough(tolerance_db) > 0 and self.going_on <= limit and self.later_db <= tolerance_db
 
     @property
@@ -238,7 +239,7 @@ class PilotResult:
 
 
 def _ratio_db(power: float, reference: float) -> float:
-    return float(10.0 * np.log10(power / reference)) if power > 0 and reference > 0 else -np.inf
+    return db_from_power(power / reference) if power > 0 and reference > 0 else -np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,7 +271,7 @@ class SceneContext:
     @property
     def tolerance(self) -> float:
         """Accepted error as an amplitude ratio."""
-        return float(10.0 ** (self.tolerance_db / 20.0))
+        return amplitude_from_db(self.tolerance_db)
 
     @cached_property
     def materials(self) -> tuple[Material, ...]:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.arrays import F64, unit_rows
 from sarmitsuba.scene.materials.wedge import LARGEST_FRINGE, fringe_bound
 from sarmitsuba.scene.mesh.sharp_edges import SharpEdges
 
@@ -158,5 +158,5 @@ def _plate(edges: SharpEdges, wavenumber: float) -> F64:
 def _looks(points: F64, place: F64, mirrored: bool) -> F64:
     """Unit vectors (n, m, 3) from points to an antenna, or to its image in level ground; both may be broadcast."""
     look = place - points
-    look /= np.linalg.norm(look, axis=2, keepdims=True)
+    look = unit_rows(look)
     return look * np.array([1.0, 1.0, -1.0]) if mirrored else look

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.effects.context import PilotResult, SceneContext
 from sarmitsuba.scene.materials.diffuse import diffuse_tables
 from sarmitsuba.scene.materials.map_materials import with_parts
@@ -93,7 +94,7 @@ def specular_db(context: SceneContext, pilot: PilotResult, bound: FacetBound) ->
     if context.sampling is None or not clutter > 0.0:
         return np.inf
     cells = max(1.0, float((np.ptp(context.box, axis=0)[:2] / context.sampling.cell).prod()))
-    return 10.0 * float(np.log10(max(bound.specular / (cells * clutter), 1e-30)))
+    return db_from_power(max(bound.specular / (cells * clutter), 1e-30))
 
 
 def mean_clutter(context: SceneContext, pilot: PilotResult) -> float:
@@ -192,4 +193,4 @@ def _least_between(values: F64, first: NDArray[np.int64], last: NDArray[np.int64
 def _worst_ratio_db(sigma: F64, own: F64) -> float:
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.where(sigma > 0, sigma / own, 0.0)
-        return float(10.0 * np.log10(ratio.max()))
+        return db_from_power(float(ratio.max()))

@@ -12,7 +12,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import C128, F64, I64
+from sarmitsuba.core.arrays import C128, F64, I64, unit_rows
+from sarmitsuba.core.constants import db_from_amplitude
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.effects.omitted_waves import polarisation_vectors
 from sarmitsuba.radar.polarisation import linear_parts
@@ -115,9 +116,9 @@ class Folds:
         """
         lean = directions @ self.along.T
         middle = self.arms.sum(axis=1)
-        middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+        middle = unit_rows(middle)
         side = self.arms[:, 1] - self.arms[:, 0]
-        side /= np.linalg.norm(side, axis=1, keepdims=True)
+        side = unit_rows(side)
         return np.arctan2(directions @ side.T, directions @ middle.T), lean
 
 
@@ -163,7 +164,7 @@ def _parts(corners: F64) -> tuple[I64, I64, I64, F64]:
     grid = SAME * max(float(np.ptp(corners)), 1e-300)
     first, second = edge_pairs(weld(np.round(corners.reshape(-1, 3) / grid)))
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    unit = normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+    unit = unit_rows(normal)
     a, b = first // 3, second // 3
     level = np.abs(np.einsum("ei,ei->e", unit[a], unit[b])) > 1.0 - 0.5 * _PLANE**2
     n = len(corners)
@@ -762,7 +763,7 @@ def _law_db(folds: Folds, row: int, wavelength: float, measured: MeasuredFold) -
     """Share of double bounces at right angles by which ray optics is wrong, dB; NaN at other angles."""
     if not folds.square[row]:
         return math.nan
-    return min(0.0, -20.0 * math.log10(measured.scale * float(folds.width[row].min()) / wavelength))
+    return min(0.0, -db_from_amplitude(measured.scale * float(folds.width[row].min()) / wavelength))
 
 
 @dataclass(frozen=True, eq=False)

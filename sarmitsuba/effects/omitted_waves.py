@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.core.arrays import F64, I64
+from sarmitsuba.core.arrays import F64, I64, unit_rows
 from sarmitsuba.scene.mesh.connected import connected
 from sarmitsuba.scene.mesh.curvature import facet_curvature
 from sarmitsuba.scene.mesh.edge_pairs import edge_pairs
@@ -173,7 +173,7 @@ def _onward(corners: F64, vertex: I64, piece: I64, pairs: tuple[I64, I64]) -> F6
     """Square of the cosine of the least bend in each piece of surface and at its edges to others; -1 without any."""
     a, b = pairs
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    normal = unit_rows(normal)
     alike = np.where(vertex[a] == vertex[b], -1.0, 1.0)
     level = alike * np.einsum("ei,ei->e", normal[a // 3], normal[b // 3])
     bent = np.abs(level) < 1.0 - 0.5 * PLANE**2
@@ -240,7 +240,7 @@ def _widths(edges: SharpEdges, corners: F64, piece: I64) -> tuple[I64, F64]:
     )
     # triangle of each side of each edge: that whose middle is nearest across it
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    normals = unit_rows(normals)
     sides = 0.5 * (corners + np.roll(corners, -1, axis=1)).reshape(-1, 3)
     tree = scipy.spatial.cKDTree(sides)
     _, near = tree.query(edges.middle, k=min(6, len(sides)))

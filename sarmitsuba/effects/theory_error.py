@@ -9,6 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.constants import power_from_db
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.effects.fold_sections import (
     Folds,
@@ -81,7 +82,7 @@ def rms_db(missing: F64, power: F64) -> F64:
     missing, power : (n_directions, n_channels) float64, m^2, energy of missing waves and simulated RCS
     """
     both = missing + power
-    strong = (both >= both.max(axis=0, initial=0.0) * 10.0 ** (-0.1 * STRONG_DB)) & (both > 0.0)
+    strong = (both >= both.max(axis=0, initial=0.0) * power_from_db(-STRONG_DB)) & (both > 0.0)
     square = expected_square(np.minimum(missing / np.maximum(power, 1e-300), _ABSENT)) * strong
     return np.asarray(np.sqrt(square.sum(axis=0) / np.maximum(strong.sum(axis=0), 1)))
 

@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import F64, I64
+from sarmitsuba.core.arrays import F64, I64, unit_rows
 from sarmitsuba.effects.omitted_waves import PLANE, MetalLines, coherent_square, soft_share
 from sarmitsuba.scene.mesh.connected import connected
 from sarmitsuba.scene.mesh.edge_pairs import edge_pairs
@@ -118,7 +118,7 @@ def metal_faces(corners: F64) -> MetalFaces:
     lead = order[begin]
     up = normal[lead] * np.where(outward == 0.0, 1.0, outward)[lead][:, None]
     sides = (np.roll(corners, -1, axis=1) - corners)[lead]
-    sides = sides / np.maximum(np.linalg.norm(sides, axis=2, keepdims=True), 1e-300)
+    sides = unit_rows(sides)
     half, center, axes = (
         np.full((lead.size, 2), np.inf),
         np.zeros((lead.size, 3)),

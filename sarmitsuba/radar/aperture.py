@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.arrays import F64, unit_rows
 from sarmitsuba.core.errors import RadarError
 from sarmitsuba.core.parameters import Value, one_line
 from sarmitsuba.radar.antenna import Antenna
@@ -131,7 +131,7 @@ class BeamOverPath:
     def sines(self, time: F64, points: F64) -> tuple[F64, F64]:
         """Sines along the flight at (n,) times, s: of points (m, 3), giving (n, m), and of the boresight, (n,)."""
         track = Track(time, *self.path.states(time))
-        forward = track.velocity / np.linalg.norm(track.velocity, axis=1, keepdims=True)
+        forward = unit_rows(track.velocity)
         line = points[None] - track.position[:, None]
         sine = np.einsum("npc,nc->np", line, forward) / np.linalg.norm(line, axis=2)
         boresight = self.law.pointing(track, self.geometry, self.values).boresight

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.constants import db_from_amplitude
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 
@@ -96,6 +97,6 @@ def height_error(radar: Radar, request: ImageRequest, places: F64) -> HeightErro
     if not lit.any():
         return None
     height = places[inside][:, 2] - request.height
-    error = 20.0 * np.log10(np.maximum(own, _LEAST) / np.maximum(pixel, _LEAST)) * lit
+    error = db_from_amplitude(np.maximum(own, _LEAST) / np.maximum(pixel, _LEAST)) * lit
     worst = int(np.argmax(np.abs(error)))
     return HeightError(float(error[worst]), float(height[worst]), float(height.min()), float(height.max()))

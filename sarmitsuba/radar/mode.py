@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.arrays import F64, unit_rows
 from sarmitsuba.core.errors import ExtensionError
 from sarmitsuba.core.parameters import Param, Value
 from sarmitsuba.core.registry import Registry
@@ -223,7 +223,7 @@ class RadarMode(ABC):
 def towards(point: F64, track: Track) -> F64:
     """Unit vectors (n_pulses, 3) from every position of a track to a point (3,), or to one per pulse."""
     line = point - track.position
-    return np.asarray(line / np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-300))
+    return unit_rows(line)
 
 
 MODES: Registry[RadarMode] = Registry("radar mode", RadarMode, "sarmitsuba.radar.modes")

@@ -14,6 +14,7 @@ import numpy as np
 import scipy
 
 from sarmitsuba.core.arrays import F64, Samples
+from sarmitsuba.core.constants import db_from_power, power_from_db
 from sarmitsuba.core.errors import RadarError
 from sarmitsuba.core.registry import Registry
 from sarmitsuba.machine.regular_files import read_text
@@ -233,12 +234,12 @@ def _checked(path: Path, name: str, rows: F64) -> F64:
         raise RadarError(f"{where} has {angle.size} angles with finite gains; give at least 3")
     if (np.diff(angle) <= 0.0).any() or angle[0] < -90.0 or angle[-1] > 90.0:
         raise RadarError(f"{where} does not rise strictly within -90 deg to 90 deg; sort its angles")
-    power = 10.0 ** (0.1 * (gain - gain.max()))
+    power = power_from_db(gain - gain.max())
     checked = np.stack([np.radians(angle), power], axis=1)
     if power[0] >= 0.5 or power[-1] >= 0.5:
         raise RadarError(
-            f"{where} does not fall to half power on both sides: {10 * np.log10(power[0]):.3g} dB at {angle[0]:g} deg, "
-            f"{10 * np.log10(power[-1]):.3g} dB at {angle[-1]:g} deg; give it over a wider range of angles"
+            f"{where} does not fall to half power on both sides: {db_from_power(power[0]):.3g} dB at {angle[0]:g} deg, "
+            f"{db_from_power(power[-1]):.3g} dB at {angle[-1]:g} deg; give it over a wider range of angles"
         )
     if not angle[0] <= 0.0 <= angle[-1]:
         raise RadarError(f"{where} leaves out the boresight, 0 deg; count its angles from there")

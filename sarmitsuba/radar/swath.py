@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.arrays import F64, unit_rows
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import RadarError
 from sarmitsuba.radar.antenna import Antenna
@@ -81,7 +81,7 @@ def doppler_bandwidth(
     """
     points = box.samples() @ box.axes + box.origin
     line = points[None, :, :] - position[:, None, :]
-    line /= np.maximum(np.linalg.norm(line, axis=2, keepdims=True), 1e-30)
+    line = unit_rows(line)
     frequency = 2.0 / wavelength * np.einsum("npc,nc->np", line, velocity)
     if instantaneous:
         return float(np.ptp(frequency, axis=1).max())
@@ -188,7 +188,7 @@ def check_coverage(radar: Radar, scene: Box, box: Box, where: str, film_where: s
     points = seen.samples() @ seen.axes + seen.origin
     pick = np.unique(np.linspace(0, radar.track.n_pulses - 1, 65).astype(int))
     line = points[None] - radar.track.position[pick][:, None]
-    line /= np.linalg.norm(line, axis=2, keepdims=True)
+    line = unit_rows(line)
     ahead = np.einsum("npc,nc->np", line, radar.pointing.boresight[pick]) > 0.0
     inside = ahead.any(axis=1)
     worst = []
@@ -404,7 +404,7 @@ def lit(radar: Radar, points: ArrayLike) -> Lit:
     track, pointing, antenna = radar.track, radar.pointing, radar.antenna
     pick = np.unique(np.linspace(0, track.n_pulses - 1, _PULSES).astype(int))
     line = place[..., None, :] - track.position[pick]
-    line /= np.linalg.norm(line, axis=-1, keepdims=True)
+    line = unit_rows(line)
     azimuth, elevation, ahead = (
         np.sum(line * axis[pick], axis=-1)
         for axis in (pointing.azimuth_axis, pointing.elevation_axis, pointing.boresight)

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.arrays import F64, unit_rows
 from sarmitsuba.core.errors import RadarError
 from sarmitsuba.core.parameters import one_line
 from sarmitsuba.radar.geodesy import Anchor
@@ -140,7 +140,7 @@ def _check_track(name: str, track: Track) -> None:
 def _check_flight(name: str, track: Track) -> None:
     """Raise a RadarError where velocities contradict the change of the positions."""
     steps = np.diff(track.time)
-    forward = track.velocity / np.linalg.norm(track.velocity, axis=1)[:, None]
+    forward = unit_rows(track.velocity)
     turns = np.einsum("ni,ni->n", forward[1:], forward[:-1]) < np.cos(_TURN)
     if track.n_pulses < 3 or not (steps > 0.0).all() or turns.any():
         return

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import F64, I32, I64
+from sarmitsuba.core.arrays import F64, I32, I64, unit_rows
 from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
@@ -507,7 +507,7 @@ def _outer(rim: Rim, of: I32, factor: float) -> tuple[F64, F64]:
     p = rim.points[:, :2]
     outer = np.asarray(rim.center + factor * (p - rim.center))
     along = rim.ends[:, :2] - p
-    along /= np.linalg.norm(along, axis=1)[:, None]
+    along = unit_rows(along)
     before = np.roll(along, 1, axis=0)
     turn = np.abs(before[:, 0] * along[:, 1] - before[:, 1] * along[:, 0])
     apart = rim.part != np.roll(rim.part, 1)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sarmitsuba.core.arrays import F64, I64
+from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.mesh.smooth_surface import facet_sagitta, smooth_surface
@@ -56,7 +57,7 @@ class RoundFacets:
         if not self.face.size:
             return -np.inf
         error = np.minimum(ERROR_OVER_SAGITTA * self.sagitta, LARGEST_ERROR)
-        return float(10.0 * np.log10(max(np.average(np.square(error), weights=self.area), 1e-300)))
+        return db_from_power(max(float(np.average(np.square(error), weights=self.area)), 1e-300))
 
     @property
     def needed(self) -> int:

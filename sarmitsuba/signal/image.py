@@ -19,6 +19,7 @@ import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C64, F64
+from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.parameters import did_you_mean, one_line
 from sarmitsuba.core.registry import late, png_of
@@ -326,7 +327,7 @@ def _power(image: SarImage, channel: str | None, quantity: Quantity) -> F64:
 def to_db(power: F64, floor: float = -np.inf) -> F64:
     """Power in dB, at least ``floor``."""
     with np.errstate(divide="ignore"):
-        return np.asarray(np.maximum(10.0 * np.log10(power), floor))
+        return np.asarray(np.maximum(db_from_power(power), floor))
 
 
 @dataclass(frozen=True, eq=False)

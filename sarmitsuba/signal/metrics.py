@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.constants import db_from_amplitude, db_from_power
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.signal.image import SarImage
 
@@ -292,7 +293,7 @@ def cut_metrics(x: F64, power: F64) -> CutMetrics:
 
 
 def _ratio_db(a: float, b: float) -> float:
-    return float(10.0 * np.log10(a / b)) if a > 0.0 and b > 0.0 else float("-inf")
+    return db_from_power(a / b) if a > 0.0 and b > 0.0 else float("-inf")
 
 
 def coherence(a: NDArray[np.number], b: NDArray[np.number]) -> float:
@@ -312,7 +313,7 @@ def image_error_db(a: NDArray[np.number], reference: NDArray[np.number]) -> floa
     if norm == 0.0:
         raise DataError("image error: the reference image is all zero")
     error = float(np.linalg.norm(x - y)) / norm
-    return float(20.0 * np.log10(error)) if error > 0.0 else float("-inf")
+    return db_from_amplitude(error)
 
 
 def equivalent_number_of_looks(intensity: NDArray[np.number]) -> float:

@@ -34,7 +34,7 @@ from sarmitsuba.analysis.error_budget import BOUND, LAW, MEASURED, ErrorPart
 from sarmitsuba.analysis.image_quality import QualityReport
 from sarmitsuba.analysis.point_quality import PointQuality
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power
+from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power, power_from_db
 from sarmitsuba.machine.atomic import atomic_path
 from sarmitsuba.signal.focusing.comparison import FocuserResult
 from sarmitsuba.signal.image import SarImage, ShownAxes
@@ -158,7 +158,7 @@ def _bars(
 def _share(part: ErrorPart, total_db: float) -> float:
     if not part.counts or not math.isfinite(part.weight_db):
         return 0.0
-    return float(10.0 ** (0.1 * (part.weight_db - total_db)))
+    return power_from_db(part.weight_db - total_db)
 
 
 def _value(part: ErrorPart, share: float) -> str:
@@ -394,7 +394,7 @@ def focusers_figure(results: Sequence[FocuserResult]) -> Figure:
     limits = prepare(reference, PictureOptions(span_db=_SPAN_DB), _LARGEST).limits
     options = PictureOptions(limits=limits)
     # the difference is shown down to float32 rounding
-    peak = float(db_from_power(np.abs(reference.total()).max() ** 2))
+    peak = db_from_power(np.abs(reference.total()).max() ** 2)
     grid = reference.grid
     extent = ShownAxes.of(grid).extent(grid)
     figure = Figure(figsize=(_PANEL * len(results), 2.0 * _PANEL), dpi=100, layout="constrained")

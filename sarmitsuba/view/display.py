@@ -9,7 +9,7 @@ import numpy as np
 
 from sarmitsuba.analysis.image_quality import spectral_looks
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.constants import amplitude_from_db, db_from_power, power_from_db
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.parameters import did_you_mean
 from sarmitsuba.signal.image import SarImage, ShownAxes, backscatter, block_means
@@ -314,7 +314,7 @@ def _limits(values: F64, options: PictureOptions, clutter: bool | None) -> tuple
     if options.quantity == "amplitude":
         level = _clutter_db(db_from_power(values**2), clutter)
         # the amplitude of single-look clutter reaches three times its root mean square
-        top = float(np.percentile(values, 99.9)) if level is None else 3.0 * 10.0 ** (level / 20.0)
+        top = float(np.percentile(values, 99.9)) if level is None else 3.0 * amplitude_from_db(level)
         return 0.0, top or 1.0
     return limits_db(values, options.span_db, clutter=clutter)
 
@@ -322,7 +322,7 @@ def _limits(values: F64, options: PictureOptions, clutter: bool | None) -> tuple
 def _clutter_db(values_db: F64, known: bool | None) -> float | None:
     """Level of clutter, dB; None for targets and their side lobes alone."""
     looks = _LOOKS if min(values_db.shape) >= 8 * _LOOKS else 1
-    power = block_means(10.0 ** (np.where(np.isfinite(values_db), values_db, -np.inf) / 10.0), (looks, looks))
+    power = block_means(power_from_db(np.where(np.isfinite(values_db), values_db, -np.inf)), (looks, looks))
     lit = db_from_power(power[power > 0.0])
     if known is None and lit.size:
         low, high = np.percentile(lit, (75.0, 95.0))

@@ -95,6 +95,35 @@ def test_types_of_arrays_have_one_home(house: Any) -> None:
     assert not wrong, "\n".join(wrong)
 
 
+def test_rays_go_through_the_guard_of_directions(house: Any) -> None:
+    """``query_ray`` clears components that are rounding, at which Embree misses triangles."""
+    may = ("tracing/kernel/intersector.py", "loading/doctor.py")  # the second: a rate, along an axis
+    wrong = [
+        f"{module.where}:{node.lineno}"
+        for module in house
+        if not module.where.endswith(may)
+        for node in ast.walk(module.tree)
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "mi.Ray3f"
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_decibels_have_one_home(house: Any) -> None:
+    """``core.constants`` converts; closed forms, which share no code with what they check, may too."""
+    by_hand = re.compile(
+        r"\b[12]0(\.0)? \* (float\()?(np|math)\.log10\(|\b10(\.0)? \*\* \((0\.0?[15] \*|.+ / [12]0(\.0)?\)$)"
+    )
+    wrong = [
+        f"{module.where}:{node.lineno} {ast.unparse(node)}"
+        for module in house
+        if module.name != "sarmitsuba.core.constants"
+        and not module.name.startswith("sarmitsuba.truth.theory")
+        for node in ast.walk(module.tree)
+        if isinstance(node, ast.BinOp) and by_hand.match(ast.unparse(node))
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
 def test_lists_of_public_names_stand_where_names_are_passed_on(house: Any) -> None:
     """A module's own public names are those without an underscore; ``__all__`` is for names from elsewhere."""
     wrong = []

@@ -10,7 +10,7 @@ from sarmitsuba.analysis.labels.geometric_layers import SurfacePoints
 from sarmitsuba.analysis.labels.ground_shapes import surface_samples
 from sarmitsuba.analysis.labels.owners import SceneShapes
 from sarmitsuba.analysis.labels.sight import SightLines
-from sarmitsuba.core.arrays import F64, I64
+from sarmitsuba.core.arrays import F64, I64, unit_rows
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.placement import ImagePlacement
@@ -51,7 +51,7 @@ def _smallest_rectangle(points: F64) -> F64:
     """
     hull = points[scipy.spatial.ConvexHull(points).vertices]
     side = np.roll(hull, -1, axis=0) - hull
-    along = side / np.linalg.norm(side, axis=1, keepdims=True)
+    along = unit_rows(side)
     across = np.stack([-along[:, 1], along[:, 0]], axis=1)
     u, v = hull @ along.T, hull @ across.T
     best = int(np.argmin(np.ptp(u, axis=0) * np.ptp(v, axis=0)))

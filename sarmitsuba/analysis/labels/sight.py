@@ -3,12 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import F64, I64
+from sarmitsuba.core.arrays import F64, I64, unit_rows
 from sarmitsuba.machine.backend import device_array, ensure_backend, mi
-from sarmitsuba.tracing.kernel.intersector import intersector, query_ray
+from sarmitsuba.tracing.kernel.intersector import clearance_of, intersector, query_ray
 
-# distance off a surface at which a line of sight begins, m, and in rounding errors of float32 positions
-_OFF, _ROUNDINGS = 1e-5, 8.0
 # rays traced at once
 _RAYS = 2_000_000
 
@@ -29,8 +27,8 @@ class SightLines:
         self._scene = intersector((corners - self._middle).astype(np.float32))
         sides = corners[:, 1:] - corners[:, :1]
         normal = np.cross(sides[:, 0], sides[:, 1])
-        self.normal = normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
-        self._off = _OFF + _ROUNDINGS * 2.0**-24 * float(np.abs(high - self._middle).max())
+        self.normal = unit_rows(normal)
+        self._clearance = clearance_of(float(np.abs(high - self._middle).max()))
 
     def hidden_by(self, point: F64, face: I64, antenna: F64) -> I64:
         """Row of the triangle that hides points (n, 3), m, of triangles (n,) from antennas (n, 3), m; -1 for none.
@@ -38,7 +36,7 @@ class SightLines:
         A surface is seen from both sides.
         """
         line = antenna - point
-        line /= np.linalg.norm(line, axis=1)[:, None]
+        line = unit_rows(line)
         return self._met(point, self._side(face, line), line)
 
     def open_to_the_sky(self, point: F64, face: I64) -> NDArray[np.bool_]:
@@ -54,7 +52,7 @@ class SightLines:
         return np.asarray(np.where(away[:, None], -normal, normal))
 
     def _met(self, point: F64, side: F64, direction: F64) -> I64:
-        start = (point + self._off * side - self._middle).astype(np.float32)
+        start = (point + self._clearance * side - self._middle).astype(np.float32)
         to = direction.astype(np.float32)
         found = [np.zeros(0, dtype=np.int64)]
         for k in range(0, len(start), _RAYS):

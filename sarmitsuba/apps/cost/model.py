@@ -8,6 +8,7 @@ import numpy as np
 
 from sarmitsuba.apps.cost.report import Candidate, ProofRun
 from sarmitsuba.apps.cost.trials import Changes, Value
+from sarmitsuba.core.constants import db_from_power, power_from_db
 from sarmitsuba.simulation.planning.sampling.density_plan import RaySpacings
 
 # error that counts as zero: float32 rounding and the error of the reference
@@ -53,7 +54,7 @@ class CostModel:
 
     def energy(self, parameter: str, value: Value) -> float:
         """Energy of the error, relative to the image."""
-        return float(10.0 ** (self.errors.get((parameter, value), FLOOR_DB) / 10.0))
+        return power_from_db(self.errors.get((parameter, value), FLOOR_DB))
 
     def seconds(self, method: str, picks: Changes) -> float:
         """Seconds for the whole scene: those of each stage times the ratios of its parameters."""
@@ -103,7 +104,7 @@ class CostModel:
         return out
 
     def _candidate(self, method: str, picks: Changes, changes: Changes, energy: float) -> Candidate:
-        return Candidate(changes, 10.0 * float(np.log10(energy)), self.seconds(method, picks))
+        return Candidate(changes, db_from_power(energy), self.seconds(method, picks))
 
 
 def corrected(predicted: Sequence[Candidate], measured: Mapping[int, ProofRun]) -> list[Candidate]:

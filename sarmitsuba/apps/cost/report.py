@@ -10,7 +10,8 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from sarmitsuba.apps.cost.trials import Changes, Trials, TrialSetting
-from sarmitsuba.core.arrays import C64, C128
+from sarmitsuba.core.arrays import C64, C128, sum_energy
+from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.simulation.planning.sampling.density_plan import RaySpacings
@@ -47,19 +48,15 @@ class Reference:
         """Trace it."""
         a, b = (trials.run(scene, setting, grid, pass_index=REFERENCE_PASS + i).image for i in range(2))
         mean = 0.5 * (a.astype(np.complex128) + b)
-        return Reference(mean.astype(np.complex64), _energy(a - b) / (4.0 * _energy(mean)), unseen)
+        return Reference(mean.astype(np.complex64), sum_energy(a - b) / (4.0 * sum_energy(mean)), unseen)
 
     def error_db(self, image: Image) -> float:
         """Energy of an image's error over that of the reference, dB, minus the reference's own noise.
 
         At most half of the difference is attributed to the reference. Bounces that the reference lacks count as error.
         """
-        ratio = _energy(image - self.image) / _energy(self.image)
-        return 10.0 * float(np.log10(max(ratio - self.noise, 0.5 * ratio, 1e-12) + self.unseen))
-
-
-def _energy(image: Image) -> float:
-    return float(np.sum(np.abs(image.astype(np.complex128)) ** 2))
+        ratio = sum_energy(image - self.image) / sum_energy(self.image)
+        return db_from_power(max(ratio - self.noise, 0.5 * ratio, 1e-12) + self.unseen)
 
 
 @dataclass(frozen=True)
@@ -252,7 +249,7 @@ class CostReport:
     def unseen_db(self) -> float:
         """Most energy of bounces that the references lack, relative to the image, dB: no smaller error is shown."""
         unseen = self.proof.reference.unseen
-        return 10.0 * float(np.log10(unseen)) if unseen > 0.0 else -np.inf
+        return db_from_power(unseen)
 
     def recommend(self, target_error_db: float) -> Recommendation:
         """Cheapest setting for another error, from the existing measurements."""
@@ -323,7 +320,7 @@ def reference_text(spacings: RaySpacings, factor: float, depth: int, unseen: flo
 
     Named is the share of the energy of later bounces, ``unseen``, from ``NAMED_UNSEEN`` on.
     """
-    later = f" (later ones hold at most {10.0 * np.log10(unseen):.0f} dB)" if unseen >= NAMED_UNSEEN else ""
+    later = f" (later ones hold at most {db_from_power(unseen):.0f} dB)" if unseen >= NAMED_UNSEEN else ""
     return (
         f"the mean of 2 runs with different lattices, ray_spacing {factor * spacings.coherent:.3g} m ({factor:g} of "
         f"the automatic one), {depth} bounces{later}, gridding_width 6"

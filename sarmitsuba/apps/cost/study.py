@@ -36,6 +36,7 @@ from sarmitsuba.apps.cost.sweeps import (
     whole_stages,
 )
 from sarmitsuba.apps.cost.trials import Changes, Trial, Trials, TrialSetting
+from sarmitsuba.core.constants import db_from_power, power_from_db
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.effects.plan import EffectsPlan
@@ -421,7 +422,7 @@ def reference_depth(scene: Scene, plan: EffectsPlan) -> tuple[int, float]:
         return least, 0.0
     depth = next((d for d in range(least, len(later)) if later[d] <= NO_MORE_DB), least)
     # a rest that the pilot did not trace is assumed to be at most what was left before its last bounce
-    return depth, float(10.0 ** (0.1 * later[min(depth, len(later) - 1)]))
+    return depth, power_from_db(later[min(depth, len(later) - 1)])
 
 
 def _dense(task: _Task, sweeps: Sweeps) -> TrialSetting:
@@ -502,7 +503,7 @@ def _candidates(task: _Task, sweeps: Sweeps, proof: Proof) -> list[Candidate]:
     model, raw = sweeps.model, own["method"] == "raw"
     energy = sum(model.energy(k, own[k]) for k in ("ray_spacing", "max_depth"))
     seconds = raw_seconds(sweeps) if raw else task.own_seconds
-    combinations = [*model.combine(), Candidate(own, 10.0 * float(np.log10(energy)), seconds)]
+    combinations = [*model.combine(), Candidate(own, db_from_power(energy), seconds)]
     last = None if raw else len(combinations) - 1
     found = measure_front(combinations, proof, task.target_error_db, deadline, task.report, last)
     # the recommended options must switch off the same as the study

@@ -8,6 +8,7 @@ import numpy as np
 from sarmitsuba.apps.cost.model import AFFECTS, FLOOR_DB, CostModel
 from sarmitsuba.apps.cost.report import SPARE_DB, Reference, Row
 from sarmitsuba.apps.cost.trials import Trial, Trials, TrialSetting, Value
+from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import SarmitsubaError
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.scene.scene import Scene
@@ -285,7 +286,7 @@ def _cells(study: Sweeps, plan: EffectsPlan) -> None:
         if study.late("scatterer_cell"):
             return
         trial = reference if factor == 1.0 else study.run(scatterer_cell=factor * cell)
-        change = 10.0 * np.log10(float(np.mean(np.abs(trial.image) ** 2)) / level)
+        change = db_from_power(float(np.mean(np.abs(trial.image) ** 2)) / level)
         study.note("scatterer_cell", factor * cell, trial, FLOOR_DB, f"mean level {change:+.2f} dB")
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C64
+from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.machine.atomic import atomic_path
 
 # share of the pixels that are as bright as the brightest
@@ -19,7 +20,7 @@ def grey_levels(image: C64, range_db: float) -> NDArray[np.uint8]:
     """
     power = (image.real.astype(np.float64) ** 2 + image.imag.astype(np.float64) ** 2).mean(axis=0)
     top = float(np.quantile(power, 1.0 - _BRIGHTEST)) or float(power.max()) or 1.0
-    level = 10.0 * np.log10(np.maximum(power / top, 1e-30))
+    level = db_from_power(np.maximum(power / top, 1e-30))
     return np.asarray(np.clip(np.round(255.0 * (1.0 + level / range_db)), 0, 255).astype(np.uint8))
 
 

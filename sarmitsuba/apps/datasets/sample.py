@@ -12,6 +12,7 @@ from sarmitsuba.apps.datasets.draw import Drawer, DrawnSample, aspect_deg
 from sarmitsuba.apps.datasets.recipe import RecipeError
 from sarmitsuba.apps.datasets.sample_labels import OF_SHAPES, SampleLabels, corner_boxes, sample_labels
 from sarmitsuba.core.arrays import C64, F64
+from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import (
     BackendError,
     DataError,
@@ -33,7 +34,7 @@ from sarmitsuba.simulation.execution.render import RenderOptions, execute
 # errors of the machine or the recipe, which another draw would not cure
 _FATAL = (RecipeError, BackendError, ExtensionError, OutputError)
 # the mean of two passes has half the error energy of one of them, dB
-_OF_ONE_DB = 10.0 * float(np.log10(2.0))
+_OF_ONE_DB = db_from_power(2.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +223,7 @@ def _omitted(image: SarImage) -> dict[str, float]:
     out = {}
     for name, left_out in energy.items():
         power = np.abs(image.total(name).astype(np.complex128)) ** 2
-        out[name] = 10.0 * float(np.log10(max(left_out, 1e-60) / max(float(power.sum()) * pixel, 1e-60)))
+        out[name] = db_from_power(max(left_out, 1e-60) / max(float(power.sum()) * pixel, 1e-60))
     return out
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sarmitsuba.core.arrays import sum_energy
 from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.view.charts import side_by_side
@@ -205,13 +206,9 @@ def derivative_figure(view: ChangedView) -> Figure:
     return side_by_side(pictures, "\n".join((f"{view.derivative.name.rsplit(' [', 1)[0]} {first}", *rest)))
 
 
-def _energy(image: SarImage) -> float:
-    return float(np.sum(np.abs(image.data.astype(np.complex128)) ** 2))
-
-
 def _level(change: SarImage, image: SarImage) -> str:
     """Energy of a change over that of the image, dB."""
-    share = _energy(change) / _energy(image)
+    share = sum_energy(change.data) / sum_energy(image.data)
     return f"{float(db_from_power(share)):.1f} dB" if share > 0.0 else "none"
 
 

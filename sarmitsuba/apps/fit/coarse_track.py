@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sarmitsuba.apps.fit.forward_model import ForwardModel
 from sarmitsuba.apps.fit.least_squares import Prior
 from sarmitsuba.apps.fit.radar_parameters import AntennaTrack, knot_weights
-from sarmitsuba.core.arrays import C64, C128, F64
+from sarmitsuba.core.arrays import C64, C128, F64, unit_rows
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 
 # weight of a track's displacement across the line of sight, relative to the range error
@@ -73,7 +73,7 @@ def farther_track(model: ForwardModel, start: F64, farther: F64, lit: NDArray[np
     assert isinstance(track, AntennaTrack)
     radar = model.scene.radar
     away = radar.track.position - model.sampling.window.center
-    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    away = unit_rows(away)
     weights = np.mean([knot_weights(radar.track.time, track.knots, at) for at in radar.times], axis=0)
     rows = np.concatenate([weights * away[:, "xyz".index(axis), None] for axis in track.axes], axis=1)
     rows, farther = rows[lit], farther[lit]

@@ -25,7 +25,7 @@ from sarmitsuba.apps.fit.forward_model import ForwardModel
 from sarmitsuba.apps.fit.material_parameters import Level
 from sarmitsuba.apps.fit.measured_looks import ROUNDING, MeasuredLook
 from sarmitsuba.apps.fit.shape_offsets import echoes, frequencies, moving_parts
-from sarmitsuba.core.arrays import C64, C128, F64
+from sarmitsuba.core.arrays import C64, C128, F64, sum_energy
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 
 # coherence from which a shape counts as confirmed: that of phases uniform within an eighth of a turn, so of points that
@@ -212,11 +212,11 @@ def _coherence(
         return Coherence()
     m, d = modelled[chosen], measured[chosen]
     weight = 1.0 / noise
-    energy = float(np.sum(np.abs(m) ** 2))
+    energy = sum_energy(m)
     return Coherence(
         float(np.vdot(m, d).real) * weight,
         energy * weight,
-        (float(np.sum(np.abs(d) ** 2)) - noise * count) * weight,
+        (sum_energy(d) - noise * count) * weight,
         float(np.sqrt(count * samples)),
         float(np.sum(np.abs(m) ** 4)) * weight**2 * samples,
     )

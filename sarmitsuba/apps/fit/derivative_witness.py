@@ -25,6 +25,7 @@ from sarmitsuba.apps.fit.material_parameters import MaterialProperty, material_o
 from sarmitsuba.apps.fit.parameter import Parameter
 from sarmitsuba.apps.fit.radar_parameters import BeamPointing, ClockOffset
 from sarmitsuba.core.arrays import C64, C128, F64
+from sarmitsuba.core.constants import db_from_amplitude
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.scene.scene import Scene
@@ -139,7 +140,7 @@ def gradient_witnesses(
         rounding = ROUNDING * float(np.linalg.norm(data)) * float(np.linalg.norm(adjoint))
         unknown = float(np.abs(bend).sum()) + rounding
         whole = max(abs(float(change.sum())), rounding)
-        law = max(EXACT_DB, 20.0 * math.log10(unknown / whole)) if whole > 0.0 else EXACT_DB
+        law = max(EXACT_DB, db_from_amplitude(unknown / whole)) if whole > 0.0 else EXACT_DB
         error, energy = np.array([(predicted - change.sum()) ** 2]), np.array([whole**2])
         found[kind.name] = _witness(error, energy, seed, law, _reference(kind))
     return found
@@ -244,7 +245,7 @@ def _law(found: _Difference, rounding: float) -> float:
     change = max(float(np.linalg.norm(found.change)), rounding)
     if not rounding > 0.0:
         return EXACT_DB
-    return max(EXACT_DB, 20.0 * math.log10(math.hypot(_bent(found), rounding / change)))
+    return max(EXACT_DB, db_from_amplitude(math.hypot(_bent(found), rounding / change)))
 
 
 def _witness(error: F64, energy: F64, seed: int, law: float, reference: str) -> Witness:

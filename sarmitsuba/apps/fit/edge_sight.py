@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba.apps.fit.edge_points import NO_SHADOW, EdgePoints
+from sarmitsuba.core.arrays import unit_rows
 from sarmitsuba.tracing.kernel.first_facets import first_facets
+from sarmitsuba.tracing.kernel.intersector import leave_surface
 from sarmitsuba.tracing.kernel.launch import project
 
 if TYPE_CHECKING:
@@ -88,11 +90,11 @@ class EdgeSight:
             return points
         own, sides, away = points[behind], sides[:, behind], away[:, behind]
         out = sides - self.antenna
-        out /= np.linalg.norm(out, axis=2)[..., None]
+        out = unit_rows(out)
         n = own.normal
         met = self.antenna + out * away[..., None]
         back = out - 2.0 * np.einsum("snk,nk->sn", out, n)[..., None] * n
-        start = met + (n - out) * self.scene.clearance
+        start = leave_surface(met, n, out, self.scene.clearance)
         face, away = first_facets(self.scene, start, start + back)
         edge = np.linalg.norm(own.position - start, axis=2)
         kept = np.ones(len(points), dtype=bool)

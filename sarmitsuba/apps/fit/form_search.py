@@ -20,7 +20,7 @@ from sarmitsuba.apps.fit.confirmation import CONFIRMED, coherences
 from sarmitsuba.apps.fit.measured_looks import MeasuredLook
 from sarmitsuba.apps.fit.shape_offsets import MovingPart, echoes, moving_parts, velocities
 from sarmitsuba.apps.fit.shape_parameters import Deformation
-from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.arrays import C128, F64, sum_energy
 
 # steps of a search to either side, of a displacement of points against each other by a share of a wavelength
 STEPS, STEP = 64, 1.0 / 8.0
@@ -105,7 +105,7 @@ class _Search:
             return 0.0
         for look, others, data in zip(self.looks, self.others, self.data, strict=True):
             own = np.fft.fft(look.model.data(values).astype(np.complex128), axis=-1) - others
-            energy = float(np.sum(np.abs(own) ** 2))
+            energy = sum_energy(own)
             if energy > 0.0:
                 cross = (data * own.conj()).sum(axis=0)
                 variance = look.noise.variance(np.fft.ifft(data, axis=-1))

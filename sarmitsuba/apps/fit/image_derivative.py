@@ -12,7 +12,7 @@ from sarmitsuba.apps.fit.forward_model import ForwardModel
 from sarmitsuba.apps.fit.jacobian import Parameters, parameters_of
 from sarmitsuba.apps.fit.material_parameters import MaterialProperty, material_of
 from sarmitsuba.apps.fit.shape_parameters import DEFORMATIONS
-from sarmitsuba.core.arrays import C64, F64
+from sarmitsuba.core.arrays import C64, F64, unit_rows
 from sarmitsuba.core.constants import DEFAULT_WINDOW
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.machine.exclusive import exclusive
@@ -194,7 +194,7 @@ def rate_of(model: ForwardModel, image: SarImage, derivative: SarImage) -> float
     if moves:
         track = scene.radar.track
         pulses = track.position[[0, track.center_index, -1]] - scene.radar.aim_point
-        sight = pulses / np.linalg.norm(pulses, axis=1, keepdims=True)
+        sight = unit_rows(pulses)
         wavenumber = 4.0 * np.pi / scene.radar.waveform.wavelength
         return wavenumber * max(
             float(np.abs(corner_velocities(scene, move) @ sight.T).max()) for move in moves

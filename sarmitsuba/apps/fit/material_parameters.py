@@ -9,6 +9,7 @@ import numpy as np
 
 from sarmitsuba.apps.fit.parameter import Derivatives, Parameter, Step, quoted
 from sarmitsuba.core.arrays import C64, F64
+from sarmitsuba.core.constants import db_from_power, power_from_db
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.scene.materials.diffuse_law import LAWS
 from sarmitsuba.scene.materials.map_materials import with_parts
@@ -118,13 +119,13 @@ class LevelMap(_OfMaterial):
 
     def values(self, scene: Scene) -> F64:
         """See the base class."""
-        return np.asarray(10.0 * np.log10(self._own(scene)[1].values.reshape(-1)), dtype=np.float64)
+        return np.asarray(db_from_power(self._own(scene)[1].values.reshape(-1)), dtype=np.float64)
 
     def changed(self, scene: Scene, values: F64) -> Scene:
         """See the base class."""
         number, bitmap = self._own(scene)
         check_levels(self.label, values)
-        bitmap = replace(bitmap, values=10.0 ** (0.1 * np.reshape(values, bitmap.values.shape)))
+        bitmap = replace(bitmap, values=power_from_db(np.reshape(values, bitmap.values.shape)))
         m = scene.materials[number]
         assert m.maps is not None
         m = replace(m, maps=replace(m.maps, level=bitmap))

@@ -15,6 +15,7 @@ from sarmitsuba.apps.fit.forward_model import ForwardModel
 from sarmitsuba.apps.fit.jacobian import Parameters, parameters_of
 from sarmitsuba.apps.fit.least_squares import Samples
 from sarmitsuba.core.arrays import C64
+from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import DataError, SarmitsubaWarning, SceneError
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.receiver import moving_in_pulse
@@ -178,7 +179,7 @@ def radar_differences(own: Radar, told: Radar, fitted: Iterable[str] = ()) -> li
         found += _apart("beam in elevation", np.degrees([a.elevation_beamwidth for a in antennas]), " deg")
     if "transmit_power" not in fitted:
         constants = [radar.amplitude_constant**2 for radar in (first, second)]
-        found += _apart("power with gains", 10.0 * np.log10(constants), " dB")
+        found += _apart("power with gains", db_from_power(constants), " dB")
     return found
 
 

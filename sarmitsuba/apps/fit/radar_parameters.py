@@ -9,7 +9,7 @@ import numpy as np
 
 from sarmitsuba.apps.fit.parameter import AXES, Derivatives, Parameter
 from sarmitsuba.core.arrays import C64, F64, I64
-from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.constants import SPEED_OF_LIGHT, power_from_db
 from sarmitsuba.core.errors import RadarError, SceneError
 from sarmitsuba.radar.track_errors import turned
 from sarmitsuba.tracing.derivatives.tangents import PER_DB, Displacement
@@ -46,7 +46,7 @@ class Gain(Parameter):
             raise SceneError(
                 f"parameter gain = {float(values[0]):g} dB must be within {MOST_GAIN:g} dB of the scene's"
             )
-        power = radar.transmit_power * 10.0 ** (0.1 * float(values[0]))
+        power = radar.transmit_power * power_from_db(float(values[0]))
         return replace(scene, radar=replace(radar, transmit_power=power))
 
     def derivative(self, found: Derivatives) -> Sequence[C64]:

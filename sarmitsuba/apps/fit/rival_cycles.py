@@ -34,7 +34,7 @@ from sarmitsuba.apps.fit.coarse_track import track_cycles
 from sarmitsuba.apps.fit.least_squares import Prior
 from sarmitsuba.apps.fit.measured_looks import MeasuredLook
 from sarmitsuba.apps.fit.shape_offsets import MovingPart, echoes, moving_parts, track_direction
-from sarmitsuba.core.arrays import C64, C128, F64
+from sarmitsuba.core.arrays import C64, C128, F64, sum_energy, unit_rows
 
 # least displacement of a part that makes another cycle, in periods
 ANOTHER = 0.5
@@ -203,7 +203,7 @@ class _Likelihood:
             for x, turn in zip(products, turns, strict=True)
         ]
         both = sum(x / v for x, v in zip(parts, self.variances, strict=True))
-        energy = sum(float(np.sum(np.abs(m) ** 2)) / v for m, v in zip(own, self.variances, strict=True))
+        energy = sum(sum_energy(m) / v for m, v in zip(own, self.variances, strict=True))
         return float(max(both, 0.0) ** 2 / energy) if energy > 0.0 else 0.0
 
 
@@ -211,7 +211,7 @@ def _turns(look: MeasuredLook, part: MovingPart) -> C128:
     """Factors (n, n_pulses) by which a part's echoes turn from pulse to pulse at places along the track."""
     radar = look.model.scene.radar
     away = radar.track.position - part.center
-    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    away = unit_rows(away)
     along = (away - part.towards) @ track_direction(radar, part)
     wide = float(np.ptp(along))
     if not wide > 0.0:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.apps.fit.parameter import Derivatives, Parameter
-from sarmitsuba.core.arrays import C64, C128, F64, I64
+from sarmitsuba.core.arrays import C64, C128, F64, I64, sum_energy, unit_rows
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.tracing.derivatives.tangents import Displacement
 
@@ -210,7 +210,7 @@ def offset(
 
     ``reach`` : cells of range and azimuth that are looked at, in azimuth at most half as many as there are pulses
     """
-    energy = float(np.sum(np.abs(own) ** 2))
+    energy = sum_energy(own)
     if not energy > 0.0:
         return None
     radar = model.scene.radar
@@ -303,7 +303,7 @@ def _refined(
 def _azimuths(radar: Radar, part: MovingPart, reach: float) -> tuple[F64, F64]:
     """(n_pulses,) component of the directions to the antenna along the track, and the offsets to look at, m."""
     away = radar.track.position - part.center
-    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    away = unit_rows(away)
     direction = track_direction(radar, part)
     along = (away - part.towards) @ direction
     moves = np.abs(part.velocity @ direction) > ALONG * np.linalg.norm(part.velocity, axis=1)

@@ -9,7 +9,7 @@ import numpy as np
 
 from sarmitsuba.analysis.labels.ground_shapes import ground_shapes
 from sarmitsuba.apps.fit.parameter import AXES, Derivatives, Parameter, quoted
-from sarmitsuba.core.arrays import C64, F64, I64
+from sarmitsuba.core.arrays import C64, F64, I64, unit_rows
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.scene.ground import ENDLESS_GROUND
 from sarmitsuba.tracing.derivatives.tangents import Displacement
@@ -158,7 +158,7 @@ def turn_rate(geometry: Geometry, mesh: int, gradient: F64) -> float:
     first, stop = geometry.mesh_face_offset[mesh : mesh + 2]
     a, b, c = np.moveaxis(geometry.vertices[geometry.faces[first:stop]], 1, 0)
     n = np.cross(b - a, c - a)
-    n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
+    n = unit_rows(n)
     pulled = n @ gradient
     rate = float(np.linalg.norm(pulled - n * np.sum(n * pulled, axis=1, keepdims=True), axis=1).max())
     return rate if rate > LEAST_TURN * float(np.abs(gradient).max()) else 0.0

@@ -6,6 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from sarmitsuba.core.arrays import unit_rows
+from sarmitsuba.core.constants import db_from_amplitude
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
@@ -38,15 +40,15 @@ class AntennaPattern(Effect):
         n = radar.track.n_pulses
         pick = np.unique(np.linspace(0, n - 1, min(n, 33)).round().astype(int))
         leg = context.corners[:, None] - radar.track.position[pick]
-        u = leg / np.linalg.norm(leg, axis=-1, keepdims=True)
+        u = unit_rows(leg)
         axes = (radar.pointing.azimuth_axis[pick], radar.pointing.elevation_axis[pick])
         gain = radar.antenna.two_way_amplitude(*(np.sum(u * a, axis=-1) for a in axes))
         change = float(np.abs(gain - 1.0).max())
-        error = 20.0 * float(np.log10(change)) if change > 0 else -np.inf
+        error = db_from_amplitude(change)
         if change <= context.tolerance:
             return Assessment(False, f"{kind} beam, constant gain over the scene to {error:.0f} dB", error)
         return Assessment(
-            True, f"{kind} beam falls to {20 * np.log10(max(float(gain.min()), 1e-15)):.1f} dB", error
+            True, f"{kind} beam falls to {db_from_amplitude(max(float(gain.min()), 1e-15)):.1f} dB", error
         )
 
     def flags(

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.effects.context import PilotResult, SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
@@ -94,7 +95,7 @@ def _missed_db(context: SceneContext, pilot: PilotResult, bounces: int) -> tuple
         return np.inf, np.inf
     faces = facet_bound(context)
     cell = max(faces.cross_section, flash_bound(context, bounces)) / clutter
-    return specular_db(context, pilot, faces), 10.0 * float(np.log10(max(cell, 1e-30)))
+    return specular_db(context, pilot, faces), db_from_power(max(cell, 1e-30))
 
 
 EFFECTS.register(Coherent())

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.effects.context import PairLevel, SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
@@ -62,11 +63,9 @@ class DiffusePairs(Effect):
 
 def _measured(level: PairLevel, context: SceneContext) -> Assessment:
     tolerance_db = context.tolerance_db
-    share, square = (
-        10.0 * float(np.log10(max(x, 1e-30))) for x in (level.share + 2.0 * level.error, level.strongest)
-    )
-    mean = 10.0 * float(np.log10(level.share))
-    cross = 10.0 * float(np.log10(max(level.cross, 1e-30)))
+    share, square = (db_from_power(max(x, 1e-30)) for x in (level.share + 2.0 * level.error, level.strongest))
+    mean = db_from_power(level.share)
+    cross = db_from_power(max(level.cross, 1e-30))
     on = max(share, cross) > tolerance_db + WHOLE_DB or square > tolerance_db + SQUARE_DB
     found = (
         f"pilot: {level.pairs} pairs have {mean:.1f} dB of the clutter's power (+- "
@@ -79,7 +78,7 @@ def _measured(level: PairLevel, context: SceneContext) -> Assessment:
             else ", the only cross-polar return"
         )
     if on:
-        why = f"{found}; error of the run's realisation of pairs {10.0 * np.log10(level.realisation_error):.0f} dB"
+        why = f"{found}; error of the run's realisation of pairs {db_from_power(level.realisation_error):.0f} dB"
     else:
         limits = f"{tolerance_db + WHOLE_DB:.0f} and {tolerance_db + SQUARE_DB:.0f} dB"
         why = f"{found}; left out below {limits}, where they hardly change the clutter level"

@@ -7,7 +7,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.arrays import C128, F64, unit_rows
+from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.effects.context import CELL_BELOW_CLUTTER_DB, SceneContext
 from sarmitsuba.effects.edge_bound import Aperture, EdgeBounds, edge_bounds
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
@@ -128,7 +129,7 @@ def _ratio_db(power: float, reference: float) -> float:
     """Level, dB; 0 where nothing is known to compare with, NaN for a reference NaN, -inf for no power."""
     if power <= 0.0:
         return -np.inf
-    return 0.0 if reference <= 0.0 else 10.0 * float(np.log10(power / reference))
+    return 0.0 if reference <= 0.0 else db_from_power(power / reference)
 
 
 def _added(edges: SharpEdges, context: SceneContext, *, bounces: bool) -> _Added:
@@ -171,7 +172,7 @@ def _aperture(context: SceneContext) -> Aperture:
     pick = _distributed(pulses)
     places = tracks[0].position[pick]
     flown = tracks[0].position[np.minimum(pick + 1, pulses - 1)] - tracks[0].position[np.maximum(pick - 1, 0)]
-    flown = flown / np.maximum(np.linalg.norm(flown, axis=1, keepdims=True), 1e-300)
+    flown = unit_rows(flown)
     receivers = places if len(tracks) == 1 else tracks[-1].position[pick]
     cells = (np.inf, np.inf) if facts is None else (facts.azimuth_cell, facts.range_cell)
     return Aperture(places, receivers, flown, context.wavenumber, *cells)

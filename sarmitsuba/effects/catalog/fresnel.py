@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from sarmitsuba.core.constants import db_from_amplitude
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
@@ -54,7 +55,7 @@ def _error_db(m: Material) -> float:
     te, tm = fresnel(np.cos(np.radians(np.linspace(0.0, 85.0, 18))), m.permittivity)
     # perfect conductor: R_TE = -1, R_TM = 1
     error = max(float(np.abs(te + 1.0).max()), float(np.abs(tm - 1.0).max()))
-    return 20.0 * float(np.log10(error)) if error > 0 else -np.inf
+    return db_from_amplitude(error)
 
 
 EFFECTS.register(Fresnel())

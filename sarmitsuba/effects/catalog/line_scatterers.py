@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.text import length
@@ -31,7 +32,7 @@ class LineScatterers(Effect):
         glint = max(2.0 * np.pi * wire.radius * wire.length**2 / wavelength for wire in wires)
         what = "1 wire" if len(wires) == 1 else f"{len(wires)} wires"
         total = sum(wire.length for wire in wires)
-        why = f"{what}, {length(total)} in all, glints up to about {10.0 * np.log10(glint):.0f} dBsm"
+        why = f"{what}, {length(total)} in all, glints up to about {db_from_power(glint):.0f} dBsm"
         return Assessment(True, why, 0.0)
 
     def without(self, scene: Scene) -> Scene:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_amplitude
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.text import length
@@ -46,7 +46,7 @@ class MotionInPulse(Effect):
         phase = np.hypot(
             np.pi / np.sqrt(3.0) * shift / wave.range_cell, 4.0 * np.pi / wave.wavelength * beyond
         )
-        error = 20.0 * float(np.log10(max(min(phase, 2.0), 1e-30)))
+        error = db_from_amplitude(max(min(phase, 2.0), 1e-30))
         why = f"echoes shifted by up to {length(shift)} in range, {length(beyond)} of phase"
         return Assessment(error > context.tolerance_db, why, error)
 

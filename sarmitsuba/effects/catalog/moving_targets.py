@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from sarmitsuba.core.constants import db_from_amplitude
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
@@ -35,7 +36,7 @@ class MovingTargets(Effect):
         moved = max(float(np.linalg.norm(np.ptp(m.displacement(time), axis=0))) for m in motions)
         what = "1 shape moves" if len(motions) == 1 else f"{len(motions)} shapes move"
         # rad over the aperture: from one on, the image is completely different
-        error = 20.0 * float(np.log10(min(2.0 * context.wavenumber * moved, 1.0))) if moved else -np.inf
+        error = db_from_amplitude(min(2.0 * context.wavenumber * moved, 1.0)) if moved else -np.inf
         return Assessment(True, f"{what}, up to {moved:.3g} m during the aperture", error)
 
     def flags(

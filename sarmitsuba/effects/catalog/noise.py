@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.core.constants import BOLTZMANN
+from sarmitsuba.core.constants import BOLTZMANN, db_from_power
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.scene.scene import Scene
@@ -33,13 +33,13 @@ class Noise(Effect):
         distance = float(np.linalg.norm(context.corners[-1] - radar.track.center_position))
         power = BOLTZMANN * radar.noise_temperature / radar.waveform.pulse_width
         rcs = power * distance**4 / (radar.amplitude_constant**2 * radar.track.n_pulses)
-        level = 10.0 * float(np.log10(rcs))
+        level = db_from_power(rcs)
         error = float("nan")
         if context.pilot is not None and context.pilot.total > 0:
             reference = (
                 context.pilot.clutter if context.pilot.clutter > 0 else float(context.pilot.peak[3].max())
             )
-            error = 10.0 * float(np.log10(rcs / reference))
+            error = db_from_power(rcs / reference)
         return Assessment(
             True, f"{radar.noise_temperature:g} K: noise-equivalent RCS {level:.0f} dBsm per cell", error
         )

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from sarmitsuba.core.constants import db_from_amplitude
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
@@ -33,7 +34,7 @@ class Roughness(Effect):
         if not mirrors and not decided["coherent"].on:
             return Assessment(False, "nothing reflects and nothing returns coherently", -np.inf)
         loss = -np.expm1(-2.0 * (context.wavenumber * height) ** 2)  # largest, at normal incidence
-        error = 20.0 * float(np.log10(loss))
+        error = db_from_amplitude(loss)
         rough = f"rms height up to {length(height)}"
         if error <= context.tolerance_db:
             return Assessment(False, f"{rough}: coherent loss {error:.0f} dB of the amplitude", error)

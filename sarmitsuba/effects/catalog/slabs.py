@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from sarmitsuba.core.constants import db_from_amplitude
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
@@ -54,7 +55,7 @@ def _error_db(m: Material, wavelength: float) -> float:
     slab = slab_coefficients(m, wavelength)
     te, tm = fresnel(COSINES, m.permittivity)
     error = max(float(np.abs(slab.r_te - te).max()), float(np.abs(slab.r_tm - tm).max()))
-    return 20.0 * float(np.log10(error)) if error > 0.0 else -np.inf
+    return db_from_amplitude(error)
 
 
 EFFECTS.register(Slabs())

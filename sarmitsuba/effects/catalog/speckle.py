@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
@@ -32,7 +33,7 @@ class Speckle(Effect):
         """See the class."""
         if not decided["diffuse"].on:
             return Assessment(False, "nothing diffuse", -np.inf)
-        return Assessment(True, "diffuse scatterers are random", 10.0 * float(np.log10(2.0 - np.sqrt(np.pi))))
+        return Assessment(True, "diffuse scatterers are random", db_from_power(2.0 - np.sqrt(np.pi)))
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from sarmitsuba.core.constants import db_from_amplitude
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
@@ -28,7 +29,7 @@ class Spreading(Effect):
         reference = np.linalg.norm(context.corners[-1] - context.scene.radar.track.center_position)
         distance = np.linalg.norm(context.corners[:, None] - context.antenna, axis=-1)
         change = float(np.abs((reference / distance) ** 2 - 1.0).max())
-        error = 20.0 * float(np.log10(change)) if change > 0 else -np.inf
+        error = db_from_amplitude(change)
         if change <= context.tolerance:
             return Assessment(False, f"1/R^2 varies by {100 * change:.2g} % only", error)
         return Assessment(True, f"1/R^2 varies by {100 * change:.2g} %", error)

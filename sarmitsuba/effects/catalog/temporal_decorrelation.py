@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
@@ -44,7 +45,7 @@ class TemporalDecorrelation(Effect):
         least = min(changing, key=lambda m: m.coherence_after(days))
         gamma = least.coherence_after(days)
         why = f'{days:g} days after the first pass, coherence down to {gamma:.2f} on "{least.name}"'
-        return Assessment(True, why, 10.0 * float(np.log10(2.0 * (1.0 - gamma))))
+        return Assessment(True, why, db_from_power(2.0 * (1.0 - gamma)))
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]

@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 import scipy
 
+from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
@@ -56,7 +57,7 @@ class SurfaceTexture(Effect):
         if not shares:
             return Assessment(False, "no material has a map or a texture", -np.inf)
         largest = max(shares.values())
-        error = float(10.0 * np.log10(largest)) if largest > 0.0 else -np.inf
+        error = db_from_power(largest)
         return Assessment(True, names(list(shares)), error)
 
     def flags(

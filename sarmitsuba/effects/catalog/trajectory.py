@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.constants import db_from_amplitude
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.text import length
@@ -36,7 +37,7 @@ class Trajectory(Effect):
         return Assessment(
             True,
             f"{length(departure)} rms off a straight uniform line",
-            20.0 * float(np.log10(min(phase, 2.0))),
+            db_from_amplitude(min(phase, 2.0)),
         )
 
     def without(self, scene: Scene) -> Scene:

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
@@ -36,7 +37,7 @@ class Transmission(Effect):
             return Assessment(False, "slabs is off: materials are opaque half spaces", -np.inf)
         if scene.settings.method == "raster":
             return Assessment(False, "the raster method has one bounce and no fields", float("nan"))
-        error = 10.0 * float(np.log10(max(most_power_through(m, wavelength) for m in slabs) + 1e-30))
+        error = db_from_power(max(most_power_through(m, wavelength) for m in slabs) + 1e-30)
         if error <= context.tolerance_db or not any(lets_through(m, wavelength) for m in slabs):
             return Assessment(
                 False, f"{names([m.name for m in slabs])}: two-way transmission at most {error:.0f} dB", error

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from sarmitsuba.core.constants import db_from_amplitude
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
@@ -40,7 +41,7 @@ class TubePhase(Effect):
         cosine = max(context.incidence_cosine[0], 0.05)
         x = context.wavenumber * spacing * max(1.0, np.sqrt(1.0 - cosine**2) / cosine)
         change = min(1.0, float(x * x) / 6.0)
-        error = 20.0 * float(np.log10(change))
+        error = db_from_amplitude(change)
         if change <= context.tolerance:
             return Assessment(False, f"ray spacing {length(spacing)}", error)
         return Assessment(

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.scene.scene import Scene
@@ -32,7 +33,7 @@ class Vegetation(Effect):
         # extinction along the mean path through each, and the strongest return of one square metre of volume
         depth = [float(v.medium.at(cosine)[0].mean()) * v.mean_chord for v in volumes]
         returned = max(float(v.medium.at(cosine)[1][:2].max()) * v.mean_chord for v in volumes)
-        error = 10.0 * np.log10(max(1.0 - np.exp(-2.0 * max(depth)), min(returned, 1.0), 1e-30))
+        error = db_from_power(max(1.0 - np.exp(-2.0 * max(depth)), min(returned, 1.0), 1e-30))
         what = "1 volume" if len(volumes) == 1 else f"{len(volumes)} volumes"
         low, high = (10.0 / np.log(10.0) * x for x in (min(depth), max(depth)))
         span = f"{high:.1f}" if high - low < 0.1 else f"{low:.1f} to {high:.1f}"

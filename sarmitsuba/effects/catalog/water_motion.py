@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from sarmitsuba.core.constants import db_from_amplitude
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
@@ -40,7 +41,7 @@ class WaterMotion(Effect):
         speed = max(float(w.speeds[2]) for w in water)
         time = float(np.ptp(scene.radar.track.time))
         phase = context.wavenumber * speed * time  # at the ends of the aperture, relative to its middle
-        error = 20.0 * float(np.log10(max(min(phase, 1.0), 1e-15)))
+        error = db_from_amplitude(max(min(phase, 1.0), 1e-15))
         lasts = 1.0 / (np.sqrt(2.0) * context.wavenumber * max(speed, 1e-9))
         waves = max(len(w.waves) for w in water)
         field = f", {waves} long waves" if waves else ""

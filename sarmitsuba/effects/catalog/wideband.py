@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sarmitsuba.core.arrays import C128, F64
-from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_amplitude
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.facet_bound import angles_known, facet_bound, specular_db
@@ -58,7 +58,7 @@ class _Law:
         error = nodes @ band.shares(frequency) - self.values
         ends = np.where((frequency == frequency[0]) | (frequency == frequency[-1]), 0.5, 1.0)  # trapezoids
         worst = float(np.sqrt((np.abs(error) ** 2 @ ends).max() / ends.sum()))
-        return self.share_db + 20.0 * float(np.log10(max(worst, 1e-12)))
+        return self.share_db + db_from_amplitude(max(worst, 1e-12))
 
 
 class Wideband(Effect):
@@ -98,7 +98,7 @@ class Wideband(Effect):
         wave = context.scene.radar.waveform
         # two frequencies serve amplitudes up to the square of the frequency; more serve what has no such bound
         change = 2.0 * wave.bandwidth / (np.sqrt(12.0) * wave.center_frequency)
-        error = 20.0 * float(np.log10(change)) if count == LEAST_SUB_BANDS else 0.0
+        error = db_from_amplitude(change) if count == LEAST_SUB_BANDS else 0.0
         if error <= context.tolerance_db:
             return replace(found, error_db=max(found.error_db, error))
         why = f"{_wish_of(whose, count)} (without it, {found.why})"

@@ -2,9 +2,7 @@
 
 from collections.abc import Mapping
 
-import numpy as np
-
-from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.arrays import F64, unit_rows
 from sarmitsuba.core.parameters import Param, Value
 from sarmitsuba.radar.mode import MODES, AimGeometry, RadarMode, TrackAxes
 from sarmitsuba.radar.track import Track
@@ -52,7 +50,7 @@ class SlidingSpotlight(RadarMode):
         # times 1 - A: stripmap's fixed direction is the limit of a point at infinity
         line = (1.0 - factor) * (geometry.center - track.position)
         line += geometry.slant_range * geometry.line_of_sight
-        return np.asarray(line / np.linalg.norm(line, axis=1, keepdims=True))
+        return unit_rows(line)
 
 
 MODES.register(SlidingSpotlight())

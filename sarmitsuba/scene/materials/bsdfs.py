@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.core.parameters import Value, float_value, string_value
 from sarmitsuba.scene.materials.change import change_of
@@ -261,8 +261,8 @@ def scattering_surface(values: Mapping[str, Value | None], frequency: float) -> 
         # exp(-4 (k s)^2) = 1 - S^2
         rms_height=math.sqrt(-math.log1p(-share) / 4.0) / k,
         diffuse_law="directive_roughness" if pattern == "directive" else "effective_roughness",
-        diffuse_level_db=10.0 * math.log10(share * (1.0 - cross)),
-        cross_polar_ratio_db=10.0 * math.log10(cross / (1.0 - cross)) if cross > 0.0 else -np.inf,
+        diffuse_level_db=db_from_power(share * (1.0 - cross)),
+        cross_polar_ratio_db=db_from_power(cross / (1.0 - cross)) if cross > 0.0 else -np.inf,
         law_parameters=tuple(parameters.items()),
     )
 

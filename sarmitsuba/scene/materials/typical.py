@@ -3,7 +3,7 @@
 import math
 from dataclasses import replace
 
-from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power
 from sarmitsuba.scene.materials.diffuse_law import LAWS
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.materials.named_materials import MATERIALS, Typical
@@ -126,7 +126,7 @@ def _level(typical: Typical, frequency: float, rms_height: float) -> float:
         return typical.level_db
     k = 2.0 * math.pi * frequency / SPEED_OF_LIGHT
     lost = -math.expm1(-((2.0 * k * rms_height * math.cos(_LOSS_ANGLE)) ** 2))
-    return max(typical.level_db, 10.0 * math.log10(4.0 * lost)) if lost > 0.0 else typical.level_db
+    return max(typical.level_db, db_from_power(4.0 * lost)) if lost > 0.0 else typical.level_db
 
 
 def surface_words(surface: Material) -> str:

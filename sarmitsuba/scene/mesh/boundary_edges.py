@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import F32, F64, I64
+from sarmitsuba.core.arrays import F32, F64, I64, unit_rows
 from sarmitsuba.scene.mesh.connected import connected
 from sarmitsuba.scene.mesh.edge_pairs import edge_pairs, twins
 from sarmitsuba.scene.mesh.pieces import SMOOTH_BEND, piece_sizes
@@ -91,7 +91,7 @@ def facets(
     vertex = weld(corners.reshape(-1, 3)) if vertex is None else vertex
     pairs = edge_pairs(vertex) if pairs is None else pairs
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    normal = unit_rows(normal)
     along = np.roll(corners, -1, axis=1) - corners
     length = np.linalg.norm(along, axis=2)
     along /= np.maximum(length, 1e-300)[:, :, None]
@@ -265,7 +265,7 @@ def _simple_facets(edges: _TriangleEdges, facet: I64, faces: I64) -> tuple[NDArr
     first[line[::-1]] = np.arange(line.size)[::-1]
     share = edges.length[faces[own], k]
     inward = _sums(line, edges.inward[faces[own], k] * share[:, None])
-    inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-300)
+    inward = unit_rows(inward)
     middle = points[own, k] + 0.5 * (edges.along[faces[own], k] * share[:, None])
     offset = _sums(line, np.einsum("ei,ei->e", inward[line], middle)[:, None] * share[:, None])[:, 0]
     offset /= np.maximum(_sums(line, share[:, None])[:, 0], 1e-300)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import F64, I64
+from sarmitsuba.core.arrays import F64, I64, unit_rows
 from sarmitsuba.scene.mesh.double_faces import TriangleBalls
 from sarmitsuba.scene.mesh.remesh import distance_to_triangles
 
@@ -48,10 +48,10 @@ def _folds(vertices: F64, faces: I64) -> F64:
     low, high = np.minimum(start, end), np.maximum(start, end)
     key = low * len(vertices) + high
     along = vertices[high] - vertices[low]
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    along = unit_rows(along)
     inward = vertices[faces.ravel()] - vertices[low]
     inward = inward - np.einsum("nc,nc->n", inward, along)[:, None] * along
-    inward /= np.linalg.norm(inward, axis=1, keepdims=True)
+    inward = unit_rows(inward)
     order = np.argsort(key, kind="stable")
     found = []
     for apart in (1, 2, 3):  # up to four triangles at an edge

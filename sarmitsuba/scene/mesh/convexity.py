@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F64, I32, I64
+from sarmitsuba.core.arrays import F64, I32, I64, unit_rows
 
 # distance of a vertex from a plane, over the longest edge of the bounds, up to which it lies in the plane: float64
 # rounding of a transformed mesh, and float32 of a file
@@ -83,7 +83,7 @@ def is_convex_body(vertices: F64, faces: I32) -> bool:
     centre = (a + b + c) / 3.0
     towards = centre[second] - centre[first]
     normals = np.cross(b - a, c - a)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    normals = unit_rows(normals)
     concave = np.einsum("ij,ij->i", normals[first] * outward[first, None], towards) > slack
     # a dish of very many facets is deep although none of its edges is
     return not concave.any() and one_sided(normals, a + middle, points, slack)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F64, I32, I64
+from sarmitsuba.core.arrays import F64, I32, I64, unit_rows
 from sarmitsuba.scene.mesh.welding import weld
 
 # largest distance of the smooth surface from its facet, wavelengths: beyond it the facet is taken as flat
@@ -46,7 +46,7 @@ def facet_curvature(
     """
     side_1, side_2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     normal = np.cross(side_1, side_2)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    normal = unit_rows(normal)
     if not _bent(normal, group):
         return None
     first = np.zeros(int(group.max()) + 1, dtype=np.int64)
@@ -72,22 +72,22 @@ def facet_curvature(
 def _mean_normals(corners: F64, normal: F64, vertex: I64, group: I32 | I64) -> F64:
     """(n, 3, 3) mean normals at the corners of each facet, of all facets of its group there."""
     edge = np.roll(corners, -1, axis=1) - corners
-    unit = edge / np.maximum(np.linalg.norm(edge, axis=2, keepdims=True), 1e-300)
+    unit = unit_rows(edge)
     angle = np.arccos(np.clip(-np.einsum("fki,fki->fk", unit, np.roll(unit, 1, axis=1)), -1.0, 1.0))
     # one label per vertex and group: surfaces that meet at an edge keep their own normals there
     key = vertex * (int(group.max()) + 1) + np.repeat(group.astype(np.int64), 3)
     _, label = np.unique(key, return_inverse=True)
     label = label.reshape(-1)
     weighted = (angle[:, :, None] * normal[:, None, :]).reshape(-1, 3)
-    mean = np.stack([np.bincount(label, weighted[:, i]) for i in range(3)], axis=1)
-    mean = mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
+    sums = np.stack([np.bincount(label, weighted[:, i]) for i in range(3)], axis=1)
+    mean = unit_rows(sums.astype(np.float64, copy=False))
     return np.asarray(mean[label].reshape(-1, 3, 3))
 
 
 def _shape_operator(corners: F64, normal: F64, at_corner: F64, wavelength: float) -> F64:
     """(n, 3, 3) shape operator of each facet, from the mean normals at its corners; zero where it counts as flat."""
     edge = np.roll(corners, -1, axis=1) - corners
-    unit = edge / np.maximum(np.linalg.norm(edge, axis=2, keepdims=True), 1e-300)
+    unit = unit_rows(edge)
     smooth = np.einsum("fki,fi->fk", at_corner, normal).min(axis=1, initial=1.0) > np.cos(LARGEST_LEAN)
 
     # 2 x 2 in the facet's plane: S E = D for the two edges from corner 0

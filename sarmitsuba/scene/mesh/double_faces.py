@@ -4,7 +4,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import F64, I64
+from sarmitsuba.core.arrays import F64, I64, unit_rows
 from sarmitsuba.scene.mesh.joined_sides import ROUNDING
 
 # share of a triangle's area that may be uncovered, for rounding
@@ -103,7 +103,7 @@ def _common_area(first: F64, second: F64, normal: F64) -> F64:
     """Common areas (n,) of pairs of triangles (n, 3, 3), seen along the normals (n, 3) of the second."""
     step = np.roll(second, -1, axis=1) - second
     inward = np.cross(normal[:, None], step)
-    inward /= np.maximum(np.linalg.norm(inward, axis=2, keepdims=True), 1e-300)
+    inward = unit_rows(inward)
     points = first - second[:, :1]
     for k in range(3):
         # corners beyond the side move onto its line, after the place where the outline crosses it

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import F64, I64
+from sarmitsuba.core.arrays import F64, I64, unit_rows
 from sarmitsuba.scene.mesh.boundary_edges import FLAT_BEND
 from sarmitsuba.scene.mesh.edge_pairs import edge_pairs
 from sarmitsuba.scene.mesh.pieces import SMOOTH_BEND
@@ -73,4 +73,4 @@ class FacetEdges:
 def unit_normals(triangles: F64) -> F64:
     """(n, 3) unit normals of triangles (n, 3, 3)."""
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    return np.asarray(cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-300))
+    return unit_rows(cross)

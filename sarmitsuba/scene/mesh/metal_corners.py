@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import F64, I64
+from sarmitsuba.core.arrays import F64, I64, unit_rows
 
 # rad; facets farther from a right angle return little by double bounces
 ABOUT_RIGHT = np.radians(10.0)
@@ -146,7 +146,7 @@ class _MetalFacets:
         if antennas is None:
             return 0.5 * self.area
         away = antennas - 0.5 * (self.low.min(axis=0) + self.high.max(axis=0))
-        away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-300)
+        away = unit_rows(away)
         cosine = self.normal @ away.T
         best = np.where(self.sheet, np.abs(cosine).max(axis=1), cosine.max(axis=1))
         return np.where(best > LEAST_LIT, np.maximum(best, -LEAST_LIT), 0.0) * self.area

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import F64, I64, box_of_each
+from sarmitsuba.core.arrays import F64, I64, box_of_each, unit_rows
 from sarmitsuba.scene.mesh.connected import connected
 
 # bend of an edge below which the surface continues across it, rad
@@ -25,7 +25,7 @@ def piece_of(corners: F64, vertex: I64, pairs: tuple[I64, I64]) -> I64:
     """
     n = len(corners)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    normal = unit_rows(normal)
     a, b = pairs
     # two neighbours of the same winding traverse their edge in opposite directions
     alike = np.where(vertex[a] == vertex[b], -1.0, 1.0)

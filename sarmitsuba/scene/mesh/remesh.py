@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import F64, I64
+from sarmitsuba.core.arrays import F64, I64, unit_rows
 from sarmitsuba.scene.mesh.double_faces import TriangleBalls
 
 # edges longer and shorter than these many of the wanted length are split and collapsed
@@ -55,11 +55,11 @@ class _Edges:
         bend = np.full(key.size, np.pi)
         two = np.flatnonzero(count == 2)
         a, b = vertices[ends[two, 0]], vertices[ends[two, 1]]
-        along = _unit(b - a)
+        along = unit_rows(b - a)
         inward = []
         for side in (first[two], second[two]):
             off = vertices[faces.ravel()[side]] - a
-            inward.append(_unit(off - np.einsum("nc,nc->n", off, along)[:, None] * along))
+            inward.append(unit_rows(off - np.einsum("nc,nc->n", off, along)[:, None] * along))
         bend[two] = np.arccos(np.clip(-np.einsum("nc,nc->n", *inward), -1.0, 1.0))
         return _Edges(ends, of_side, count, first, second, bend)
 
@@ -73,10 +73,6 @@ class _Edges:
     def lengths(self, vertices: F64) -> F64:
         """(n,) m."""
         return np.asarray(np.linalg.norm(vertices[self.ends[:, 1]] - vertices[self.ends[:, 0]], axis=1))
-
-
-def _unit(v: F64) -> F64:
-    return np.asarray(v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-300))
 
 
 def remesh(vertices: F64, faces: I64, length: float) -> tuple[F64, I64]:
@@ -244,7 +240,7 @@ def _collapse(vertices: F64, faces: I64, lines: I64, length: float) -> tuple[I64
 def _turning(vertices: F64, ends: I64) -> NDArray[np.bool_]:
     """Corners at which lines of edges (n, 2) end, branch, or turn by more than ``HARD``."""
     n = len(vertices)
-    along = _unit(vertices[ends[:, 1]] - vertices[ends[:, 0]])
+    along = unit_rows(vertices[ends[:, 1]] - vertices[ends[:, 0]])
     total = np.zeros((n, 3))
     np.add.at(total, ends[:, 0], along)
     np.add.at(total, ends[:, 1], -along)
@@ -271,7 +267,7 @@ def _keeps_surface(
     stays = ~(triangle == into[row][:, None]).any(axis=1)
     new = np.where(triangle == move[row][:, None], into[row][:, None], triangle)
     before, after = (_cross(vertices[t]) for t in (triangle, new))
-    same = np.einsum("nc,nc->n", _unit(before), _unit(after)) > TURN
+    same = np.einsum("nc,nc->n", unit_rows(before), unit_rows(after)) > TURN
     # slivers have no normal that counts; how far the surface leaves the corner does
     same |= _quality(vertices[triangle]) < NEEDLE
     span = np.linalg.norm(vertices[new] - np.roll(vertices[new], 1, axis=1), axis=2).max(axis=1)
@@ -312,7 +308,7 @@ def _quality(t: F64) -> F64:
 def nearest_on_triangles(points: F64, t: F64) -> F64:
     """Nearest points (n, 3) of triangles (n, 3, 3) to points (n, 3)."""
     normal = _cross(t)
-    unit = _unit(normal)
+    unit = unit_rows(normal)
     best, beside = np.empty_like(points), np.full(len(points), np.inf)
     inside = np.einsum("nc,nc->n", normal, normal) > 0.0
     for i in range(3):
@@ -354,13 +350,13 @@ def _flip(vertices: F64, faces: I64, lines: I64, length: float) -> tuple[I64, bo
     n = len(vertices)
     fresh = ~edges.has(np.minimum(c, d), np.maximum(c, d))
     old, other = _cross(vertices[np.stack([a, b, c], axis=1)]), _cross(vertices[np.stack([b, a, d], axis=1)])
-    mean = _unit(old + other)
+    mean = unit_rows(old + other)
     left, right = np.stack([a, d, c], axis=1), np.stack([d, b, c], axis=1)
     holds = np.ones(number.size, dtype=bool)
     for t in (left, right):
-        holds &= np.einsum("nc,nc->n", _unit(_cross(vertices[t])), mean) > UPRIGHT
+        holds &= np.einsum("nc,nc->n", unit_rows(_cross(vertices[t])), mean) > UPRIGHT
     # the surface moves by the distance of the two diagonals
-    across = _unit(np.cross(vertices[b] - vertices[a], vertices[d] - vertices[c]))
+    across = unit_rows(np.cross(vertices[b] - vertices[a], vertices[d] - vertices[c]))
     holds &= np.abs(np.einsum("nc,nc->n", across, vertices[c] - vertices[a])) < DEVIATION * length
     wanted = np.flatnonzero((angle > np.pi + 1e-6) & fresh & holds)
     if not wanted.size:
@@ -380,7 +376,7 @@ def _flip(vertices: F64, faces: I64, lines: I64, length: float) -> tuple[I64, bo
 
 
 def _angle(vertices: F64, apex: I64, a: I64, b: I64) -> F64:
-    u, v = _unit(vertices[a] - vertices[apex]), _unit(vertices[b] - vertices[apex])
+    u, v = unit_rows(vertices[a] - vertices[apex]), unit_rows(vertices[b] - vertices[apex])
     return np.asarray(np.arccos(np.clip(np.einsum("nc,nc->n", u, v), -1.0, 1.0)))
 
 
@@ -402,7 +398,7 @@ def _smooth(vertices: F64, faces: I64, lines: I64, surface: _Surface, length: fl
     for _ in range(5):
         moved = np.where(free[:, None], there, vertices)
         t = moved[faces]
-        same = np.einsum("nc,nc->n", _unit(before), _unit(_cross(t))) > TURN
+        same = np.einsum("nc,nc->n", unit_rows(before), unit_rows(_cross(t))) > TURN
         bad = ~same | (_quality(t) < np.minimum(SLIVER, size))
         # the old corner stays near the new surface
         off = distance_to_triangles(vertices[corner], t[row])

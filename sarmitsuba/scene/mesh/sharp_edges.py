@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import F64, I64
+from sarmitsuba.core.arrays import F64, I64, unit_rows
 from sarmitsuba.scene.mesh.double_faces import double_faces
 from sarmitsuba.scene.mesh.joined_sides import join_sides
 from sarmitsuba.scene.mesh.pieces import SMOOTH_BEND
@@ -235,4 +235,4 @@ def _towards_plane(middle: F64, inward: F64, other: F64, normal: F64, gap: F64) 
 def _away(face: F64, other: F64) -> F64:
     """(n, 3) unit normals of faces on the side away from others, from inward vectors of both."""
     across = np.einsum("ei,ei->e", face, other)[:, None] * face - other
-    return np.asarray(across / np.linalg.norm(across, axis=1, keepdims=True))
+    return unit_rows(across)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import F64, I32, I64
+from sarmitsuba.core.arrays import F64, I32, I64, unit_rows
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.scene.mesh.curvature import LARGEST_LEAN
 from sarmitsuba.scene.mesh.edge_pairs import edge_pairs
@@ -62,7 +62,7 @@ def _in_bent_groups(corners: F64, group: I32 | I64) -> NDArray[np.bool_]:
     if not len(corners):
         return np.zeros(0, dtype=bool)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    normal = unit_rows(normal)
     _, first, label = np.unique(group, return_index=True, return_inverse=True)
     differs = (np.abs(normal - normal[first[label]]) > _SAME).any(axis=1)
     return np.asarray(np.bincount(label, differs)[label] > 0)
@@ -149,11 +149,11 @@ def _corner_normals(corners: F64, vertex: I64, group: I32 | I64) -> F64:
     key = vertex * (int(group.max()) + 1) + np.repeat(group.astype(np.int64), 3)
     _, label = np.unique(key, return_inverse=True)
     label = label.reshape(-1)
-    total = np.stack([np.bincount(label, weighted[:, i]) for i in range(3)], axis=1)
-    total = total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)
+    sums = np.stack([np.bincount(label, weighted[:, i]) for i in range(3)], axis=1)
+    total = unit_rows(sums.astype(np.float64, copy=False))
     mean = total[label].reshape(-1, 3, 3)
     own = np.cross(ahead[:, 0], back[:, 0])
-    own /= np.maximum(np.linalg.norm(own, axis=1, keepdims=True), 1e-300)
+    own = unit_rows(own)
     leans = np.einsum("nkc,nc->nk", mean, own) < np.cos(LARGEST_LEAN)
     return np.where(leans[..., None], own[:, None], mean)
 
@@ -199,7 +199,7 @@ def _crease_rise(points: F64, edge: I64, number: I64, start: I64, end: I64, norm
     ):
         tangent = np.cross(here, there)
         size = np.linalg.norm(tangent, axis=1, keepdims=True)
-        chord = (b - a) / np.maximum(np.linalg.norm(b - a, axis=1, keepdims=True), 1e-300)
+        chord = unit_rows(b - a)
         tangent = np.where(size > 1e-3, tangent / np.maximum(size, 1e-300), chord)
         across = chord - (chord * tangent).sum(axis=1, keepdims=True) * tangent
         ends.append(across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12))
@@ -211,7 +211,7 @@ def _crease_rise(points: F64, edge: I64, number: I64, start: I64, end: I64, norm
 def _between(first: F64, second: F64) -> F64:
     """Normals in the middle of sides, (n, 3, 3)."""
     total = first + second
-    return np.asarray(total / np.maximum(np.linalg.norm(total, axis=2, keepdims=True), 1e-300))
+    return unit_rows(total)
 
 
 def _divided(corner: I64, middle: I64, normal: F64, between: F64, parent: I64) -> tuple[I64, F64, I64]:

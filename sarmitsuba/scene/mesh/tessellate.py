@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F64, I32
+from sarmitsuba.core.arrays import F64, I32, unit_rows
 from sarmitsuba.core.errors import SceneError
 
 Mesh = tuple[F64, I32]
@@ -186,7 +186,7 @@ def _geodesic(n: int) -> Mesh:
     angle = np.arccos(1.0 / 5.0**0.5)
     s = np.sin(angle * weight / n)
     v = np.einsum("pk,fkc->fpc", s, corner[faces]).reshape(-1, 3)
-    v /= np.linalg.norm(v, axis=1, keepdims=True)
+    v = unit_rows(v)
     f = (small[None] + np.arange(20)[:, None, None] * i.size).reshape(-1, 3)
     # points on the edges of the icosahedron are shared: weld on a grid far finer than their spacing
     grid = np.rint(v * 2.0**30).astype(np.int64)
@@ -204,7 +204,7 @@ def _geodesic(n: int) -> Mesh:
 def _plane_distance(v: F64, f: I32) -> F64:
     """(n_f,) distance of every facet's plane from the origin."""
     cross = np.cross(v[f[:, 1]] - v[f[:, 0]], v[f[:, 2]] - v[f[:, 0]])
-    normal = cross / np.linalg.norm(cross, axis=1, keepdims=True)
+    normal = unit_rows(cross)
     return np.asarray(np.einsum("ij,ij->i", normal, v[f[:, 0]]))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import F64, I64
+from sarmitsuba.core.arrays import F64, I64, unit_rows
 from sarmitsuba.scene.mesh.sharp_edges import DIRECTIONS, WIDEST_GAP, SharpEdges, sharp_edges
 
 # thickness, wavelengths, up to which a rim stands for both wedges, and from which on the wedges stand for themselves:
@@ -114,9 +114,9 @@ def with_thin_rims(edges: SharpEdges, wavelength: float) -> SharpEdges:
         kept.append(_part(edges, number, begin[free], stop[free], np.ones((number.size, 2))))
     first = edges.of(pairs.edge[0])
     along, half = first.along, 0.5 * (pairs.low[0] + pairs.high[0])
-    inward = pairs.broad / np.linalg.norm(pairs.broad, axis=1, keepdims=True)
+    inward = unit_rows(pairs.broad)
     inward -= _dot(inward, along)[:, None] * along
-    inward /= np.linalg.norm(inward, axis=1, keepdims=True)
+    inward = unit_rows(inward)
     normal, one = np.cross(along, inward), np.ones(first.n)
     kept.append(
         SharpEdges(

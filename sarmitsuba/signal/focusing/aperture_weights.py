@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sarmitsuba.core.arrays import F64, I64
+from sarmitsuba.core.arrays import F64, I64, unit_rows
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.antenna import Pointing
@@ -154,7 +154,7 @@ def antennas_gain(radar: Radar, pulse: int | slice, directions: Sequence[F64]) -
 def look_directions(radar: Radar, point: ArrayLike, pulses: slice = slice(None)) -> F64:
     """Unit vectors from antenna positions to points (..., 3), giving (..., n_pulses, 3) float64."""
     line = np.asarray(point, dtype=np.float64)[..., None, :] - radar.track.position[pulses]
-    return np.asarray(line / np.linalg.norm(line, axis=-1, keepdims=True))
+    return unit_rows(line)
 
 
 def pulse_ranges(radar: Radar, point: ArrayLike, pulses: slice | I64 = slice(None)) -> F64:

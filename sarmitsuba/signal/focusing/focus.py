@@ -19,7 +19,7 @@ from typing import Literal
 
 import numpy as np
 
-from sarmitsuba.core.arrays import C64, F64, check_pulses
+from sarmitsuba.core.arrays import C64, F64, check_pulses, sum_energy
 from sarmitsuba.core.constants import DEFAULT_WINDOW, SUBSET_SHARES, db_from_power, power_from_db
 from sarmitsuba.core.errors import DataError, SarmitsubaWarning
 from sarmitsuba.core.progress import Progress, silent
@@ -81,9 +81,9 @@ def data_error_db(raw: RawData) -> float:
     """
     blocks = _number(_part(raw.metadata, "sampling"), "block_error_db")
     rays = _subsets_db(raw)
-    known = [10.0 ** (0.1 * error) for error in (blocks, rays) if not math.isnan(error)]
+    known = [power_from_db(error) for error in (blocks, rays) if not math.isnan(error)]
     if known:
-        return 10.0 * math.log10(max(sum(known), 1e-60))
+        return db_from_power(max(sum(known), 1e-60))
     return -math.inf if _number(_part(raw.metadata, "statistics"), "rays") == 0.0 else math.nan
 
 
@@ -101,15 +101,11 @@ def _subsets_db(raw: RawData) -> float:
         for start in range(0, raw.data.shape[1], _PULSES):
             some = raw.data[:, start : start + _PULSES]
             first, second = (some[i].sum(axis=0, dtype=np.complex64) for i in picks)
-            energy += _energy(first + second)
-            apart += _energy(first / (2.0 * SUBSET_SHARES[1]) - second / (2.0 * SUBSET_SHARES[2]))
+            energy += sum_energy(first + second)
+            apart += sum_energy(first / (2.0 * SUBSET_SHARES[1]) - second / (2.0 * SUBSET_SHARES[2]))
         if energy > 0.0:
-            errors.append(10.0 * math.log10(max(apart / energy, 1e-60)))
+            errors.append(db_from_power(max(apart / energy, 1e-60)))
     return max(errors, default=math.nan)
-
-
-def _energy(data: C64) -> float:
-    return float(np.vdot(data, data).real)
 
 
 def _part(metadata: Mapping[str, object], name: str) -> Mapping[str, object]:
@@ -333,7 +329,7 @@ def beam_edge_warning(radar: Radar, grid: ImageGrid, window: Window, cell: float
     """Warning about rows so far off the centre of a steered beam that their level is wrong; empty when none are."""
     if not radar.antenna.directive or radar.mode_law.own_apertures or radar.track.n_pulses < 2:
         return ""
-    level = 10.0 * np.log10(false_level(radar, grid, window, cell))
+    level = db_from_power(false_level(radar, grid, window, cell))
     wrong = level > _FALSE_LEVEL_DB
     if not wrong.any():
         return ""
@@ -441,7 +437,7 @@ def focus(
     ):
         if text:
             warnings.warn(f"focus: {text}", SarmitsubaWarning, stacklevel=2)
-    stated = float(db_from_power(power_from_db(law_db) + power_from_db(left_db)))
+    stated = db_from_power(power_from_db(law_db) + power_from_db(left_db))
     facts = {
         "method": focuser.name,
         "stated_error_db": round(stated, 1) if np.isfinite(stated) else None,
@@ -461,7 +457,7 @@ def focus(
     sine = float(np.sin(incidence[incidence.size // 2]))
     share = shown_share(echoes, focused.pixels, grid, (cells.center, range_cell), sine)
     if share > 0.0:
-        facts["shown_energy_db"] = round(10.0 * float(np.log10(share)), 1)
+        facts["shown_energy_db"] = round(db_from_power(share), 1)
     return SarImage(
         data=focused.pixels,
         layers=raw.layers,

@@ -7,7 +7,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import C64, C128, F32, F64, I64, LinearMap
+from sarmitsuba.core.arrays import C64, C128, F32, F64, I64, LinearMap, unit_rows
 from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.antenna import Pointing
@@ -247,7 +247,7 @@ def _beam_change(plan: Straightening, point: F64, direction: F64) -> float:
         return 0.0
     recorded = direction_gain(plan.radar, slice(None), direction)
     line = point - plan.straight.track.position
-    there = direction_gain(plan.straight, slice(None), line / np.linalg.norm(line, axis=1)[:, None])
+    there = direction_gain(plan.straight, slice(None), unit_rows(line))
     there = np.interp(plan.x, plan.uniform, there)
     exact, taken = recorded**2 / np.sum(recorded**2), recorded * there / np.sum(there**2)
     return float(np.sum((taken - exact) ** 2) / np.sum(exact**2))

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.core.arrays import C64, C128, F32, F64, I64
+from sarmitsuba.core.arrays import C64, C128, F32, F64, I64, sum_energy
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.witness import USELESS_DB, Witness
@@ -126,7 +126,7 @@ def witness_focusing(
     law_db : what the focuser stated
     """
     channels = np.array([_sum_of(pixels, raw.layers, channel) for channel in raw.channels])
-    energies = [float(np.vdot(one, one).real) for one in channels]
+    energies = [sum_energy(one) for one in channels]
     reference = f"{EXACT} in float64"
     if not np.isfinite(energies).all():
         return Witness(math.inf, math.inf, 0, law_db, reference)

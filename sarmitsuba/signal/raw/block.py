@@ -11,8 +11,14 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import C64, F64
-from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.arrays import C64, F64, unit_rows
+from sarmitsuba.core.constants import (
+    SPEED_OF_LIGHT,
+    amplitude_from_db,
+    db_from_amplitude,
+    db_from_power,
+    power_from_db,
+)
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
@@ -44,7 +50,7 @@ def step_within_beam(radar: Radar, start: int, stop: int, kernel: GriddingKernel
     width = float(np.sin(0.5 * radar.antenna.azimuth_beamwidth)) * speed
     slope, bend = radar.antenna.azimuth_bends
     change = 0.5 * bend / width**2 + slope * s_max / width
-    return float(np.sqrt(10.0 ** (_BEAM_DB / 20.0) / (change * second_moment)))
+    return float(np.sqrt(amplitude_from_db(_BEAM_DB) / (change * second_moment)))
 
 
 def azimuth_gain(radar: Radar, pulses: slice, reference: F64, range_rate: F64) -> F64:
@@ -90,7 +96,7 @@ def _leg_gain(
     sine = np.clip(-(rate[:, None] + reference_rate) / speed, -1.0, 1.0)
     boresight = pointing.boresight[pulses]
     across = boresight - np.einsum("ki,ki->k", boresight, ahead)[:, None] * ahead
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    across = unit_rows(across)
     cosine = np.sqrt(1.0 - sine * sine)
 
     def component(axis: F64) -> F64:
@@ -206,7 +212,7 @@ def sample_paths(box: F64, antenna: F64, extra: float) -> tuple[F64, F64]:
     if extra <= 0.0:
         return points, points
     sight = points - antenna
-    sight /= np.linalg.norm(sight, axis=-1, keepdims=True)
+    sight = unit_rows(sight)
     rng = np.random.default_rng(0)
     partner = np.clip(points + rng.uniform(-2.0 * extra, 2.0 * extra, points.shape), box[0], box[1])
     images = [points, points + 0.5 * extra * sight, points + extra * sight, points + 2.0 * extra * sight]
@@ -370,7 +376,7 @@ class BlockPlan:
     def predicted_error_db(self) -> float:
         """Expected relative error of geometry, kernels and synthesis together, dB."""
         parts = (self.geometry_error_db, self.kernel_error_db, _LEFT_DB)
-        return float(10.0 * np.log10(sum(10.0 ** (part / 10.0) for part in parts)))
+        return db_from_power(sum(power_from_db(part) for part in parts))
 
     @property
     def kernel(self) -> GriddingKernel:
@@ -474,7 +480,7 @@ def plan_block(
         guard=guard,
         fine=fine,
         curvature=fit.curvature,
-        geometry_error_db=20.0 * float(np.log10(max(error, 1e-10))),
+        geometry_error_db=db_from_amplitude(max(error, 1e-10)),
         kernel_error_db=_kernel_error_db(width, range_rate_width),
         in_pulse=InPulse.of(radar, slice(state.key, state.key + 1)),
     )
@@ -506,8 +512,8 @@ def choose_block_length(
     (the others as for :func:`plan_block`)
     """
     n_pulses = radar.track.n_pulses
-    kernel = 10.0 ** (_kernel_error_db(width, width) / 10.0)
-    budget = 10.0 ** (least_error_db(width, target_error_db) / 10.0) - kernel
+    kernel = power_from_db(_kernel_error_db(width, width))
+    budget = power_from_db(least_error_db(width, target_error_db)) - kernel
     for longest in (512, 384, 256, 192, 128, 96, 64, 48, 32, 24, 16, 12, 8):
         if longest > max_length or longest > n_pulses:
             continue
@@ -544,7 +550,7 @@ def _even(n_pulses: int, length: int) -> int:
 
 def least_error_db(width: int, target_error_db: float) -> float:
     """Error bound for blocks, dB: the target, or twice the error power of kernels of this width."""
-    return max(target_error_db, _kernel_error_db(width, width) + 10.0 * float(np.log10(2.0)))
+    return max(target_error_db, _kernel_error_db(width, width) + db_from_power(2.0))
 
 
 def _holds(
@@ -559,14 +565,14 @@ def _holds(
     max_cells: int,
 ) -> bool:
     plan = plan_block(radar, start, start + length, reference, box, width, extra_slant_range=extra)
-    if 10.0 ** (plan.geometry_error_db / 10.0) > budget:
+    if power_from_db(plan.geometry_error_db) > budget:
         return False
     return plan.n_range * plan.n_range_rate <= max_cells
 
 
 def _kernel_error_db(width: int, range_rate_width: int) -> float:
-    power = sum(10.0 ** (gridding_kernel(w).error_db / 10.0) for w in (width, range_rate_width))
-    return float(10.0 * np.log10(power))
+    power = sum(power_from_db(gridding_kernel(w).error_db) for w in (width, range_rate_width))
+    return db_from_power(power)
 
 
 def spread_reference(

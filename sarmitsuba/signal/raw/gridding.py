@@ -25,6 +25,7 @@ import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.core.arrays import C64, C128, F64, Samples
+from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import RadarError
 from sarmitsuba.signal.raw.sub_bands import RangeFilter
 
@@ -233,7 +234,7 @@ class GriddingKernel:
     def error_db(self) -> float:
         """Relative rms error of one dimension over the used band ``|nu| <= 1/4``, dB."""
         z, weight = _quadrature()
-        return float(10.0 * np.log10(np.sum(weight * self.aliasing(0.25 * (z + 0.5)) ** 2)))
+        return db_from_power(np.sum(weight * self.aliasing(0.25 * (z + 0.5)) ** 2))
 
 
 @lru_cache(maxsize=16)

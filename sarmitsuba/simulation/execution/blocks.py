@@ -13,8 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from sarmitsuba.core.arrays import C64
-from sarmitsuba.core.constants import SUBSET_SHARES
+from sarmitsuba.core.arrays import C64, sum_energy
+from sarmitsuba.core.constants import SUBSET_SHARES, db_from_power, power_from_db
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.signal.raw.raw_data import Layer
 from sarmitsuba.simulation.execution.batches import Batch, BatchTracer, Traced
@@ -321,20 +321,20 @@ class Blocks:
         energy = {channel: len(pulses) * self._mean_energy(meeting, channel) for channel in data}
         out = {}
         for channel, here in data.items():
-            if energy[channel] < 10.0 ** (0.1 * EMPTY_DB) * max(energy.values()):
+            if energy[channel] < power_from_db(EMPTY_DB) * max(energy.values()):
                 continue
             change = self._channel(self.boundaries[:, list(boundaries)], channel) - here
             energy_here = energy[channel]
             if len(pulses) < FEW_BOUNDARIES:  # a bound: the weaker of both
-                energy_here = min(energy_here, _energy(here))
-            over_energy = _over_db(_energy(change), energy_here)
+                energy_here = min(energy_here, sum_energy(here))
+            over_energy = _over_db(sum_energy(change), energy_here)
             out[channel] = over_energy + _mean_over_change_db(self.growth.get(channel, GROWTH))
         return out
 
     def _mean_energy(self, blocks: Sequence[int], channel: str) -> float:
         """Mean energy of a pulse of some blocks."""
         spans = [slice(*self.blocks[k]) for k in blocks]
-        total = sum(_energy(self._channel(self.data[:, span], channel)) for span in spans)
+        total = sum(sum_energy(self._channel(self.data[:, span], channel)) for span in spans)
         return total / sum(span.stop - span.start for span in spans)
 
     def _measure_growth(self) -> None:
@@ -356,7 +356,10 @@ class Blocks:
         for channel in errors:
             mine = [layer.channel == channel for layer in self.layers[first]]
             exact, left, right = (planes[mine].sum(axis=0) for planes in (traced, before, after))
-            half, whole = 0.5 * (_energy(left - exact) + _energy(right - exact)), _energy(left - right)
+            half, whole = (
+                0.5 * (sum_energy(left - exact) + sum_energy(right - exact)),
+                sum_energy(left - right),
+            )
             if half > 0.0 and whole > 0.0:
                 self.growth[channel] = float(np.clip(np.log2(whole / half), GROWTH, MOST_GROWTH))
 
@@ -370,7 +373,7 @@ class Blocks:
             planes = self._at(rays, pulse)
             return np.stack([planes[[c == channel for c in own]].sum(axis=0) for channel in channels])
 
-        energy = np.array([_energy(self._channel(self.data[:, pulse], channel)) for channel in channels])
+        energy = np.array([sum_energy(self._channel(self.data[:, pulse], channel)) for channel in channels])
         seed = self.tracer.sampling.scene.settings.seed
         return witness_rays(profiles, self.rays.at(pulse)[0], energy, np.nan, seed)
 
@@ -392,7 +395,7 @@ class Blocks:
         if excess <= LEEWAY_DB or self.interval <= SHORTEST:
             return self.interval
         growth = max(1.0, min(self.growth.values(), default=1.0))
-        length = max(SHORTEST, int(self.interval * 10.0 ** (-0.1 * excess / growth)))
+        length = max(SHORTEST, int(self.interval * power_from_db(-excess / growth)))
         # the change by wide tubes falls faster, and ends where they keep their amplitudes
         sampling = self.tracer.sampling
         steady = sampling.steady_pulses(sampling.spacings.coherent)
@@ -449,7 +452,7 @@ class Blocks:
         out = {}
         for channel in dict.fromkeys(layer.channel for layer in self.layers):
             change = self._channel(other, channel) - self._channel(here, channel)
-            out[channel] = _ratio_db(change, self._channel(whole, channel)) - 3.0 - 10.0 * np.log10(share)
+            out[channel] = _ratio_db(change, self._channel(whole, channel)) - 3.0 - db_from_power(share)
         return out
 
     def _at(self, rays: Sequence[LaunchGrid] | None, pulse: int) -> C64:
@@ -501,17 +504,13 @@ def _shifted(grid: LaunchGrid) -> LaunchGrid:
 
 def _mean_over_change_db(growth: float) -> float:
     """Mean error over a block, up to half its length from the key pulse, over the change between key pulses, dB."""
-    return float(10.0 * np.log10(0.5**growth / (1.0 + growth)))
+    return db_from_power(float(0.5**growth / (1.0 + growth)))
 
 
 def _ratio_db(error: C64, signal: C64) -> float:
     """Ratio of the energies of error and signal, dB; -inf where there is no signal."""
-    return _over_db(_energy(error), _energy(signal))
-
-
-def _energy(data: C64) -> float:
-    return float(np.sum(data.real**2 + data.imag**2, dtype=np.float64))
+    return _over_db(sum_energy(error), sum_energy(signal))
 
 
 def _over_db(energy: float, reference: float) -> float:
-    return 10.0 * float(np.log10(energy / reference)) if energy > 0.0 and reference > 0.0 else -np.inf
+    return db_from_power(energy / reference) if energy > 0.0 and reference > 0.0 else -np.inf

@@ -9,7 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.arrays import C128, F64, unit_rows
+from sarmitsuba.core.constants import power_from_db
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.fold_sections import Folds, find_folds
@@ -116,8 +117,8 @@ class ErrorStatement:
             scene.geometry, scene.materials, directions, amplitude, flags.channels, wavelength, waves
         )
         power = np.square(np.abs(amplitude.sum(axis=1)))
-        level = 10.0 ** (0.1 * np.asarray(sampling_db, dtype=np.float64))
-        left = 0.0 if math.isnan(left_db) else 10.0 ** (0.1 * left_db)
+        level = power_from_db(np.asarray(sampling_db, dtype=np.float64))
+        left = 0.0 if math.isnan(left_db) else power_from_db(left_db)
         mean = power.mean(axis=0)
         return ErrorStatement(power, level * mean, left * mean, theory)
 
@@ -177,7 +178,7 @@ class ErrorStatement:
         """Channels (n_channels,) whose levels are rounding of the strongest channel's: they have no echo."""
         peak = self.power.max(axis=0, initial=0.0)
         most = peak.max(initial=0.0)
-        return np.asarray((most > 0.0) & (peak <= 10.0 ** (0.1 * SILENT_DB) * most))
+        return np.asarray((most > 0.0) & (peak <= power_from_db(SILENT_DB) * most))
 
     @cached_property
     def total_db(self) -> F64:
@@ -331,7 +332,7 @@ def image_theory(scene: Scene, flags: KernelFlags) -> dict[str, object]:
     away = place[
         np.linspace(0, len(place) - 1, min(len(place), APERTURE)).round().astype(int)
     ] - corners.mean(axis=(0, 1))
-    look = away / np.linalg.norm(away, axis=1, keepdims=True)
+    look = unit_rows(away)
     channels = scene.radar.channels
     waves = simulated_waves(scene, flags)
     left = waves_left(corners, np.ones(len(corners)), look, np.arange(len(look)), channels, wavelength, waves)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.arrays import F64, unit_rows
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene
 
 # m; distance within which a point counts as lying on a facet: meshes and heights in files are not more accurate
@@ -25,7 +25,7 @@ def _touched_facets(triangles: F64, point: F64, reach: float) -> F64:
     near = (triangles.min(axis=1) - reach <= point) & (point <= triangles.max(axis=1) + reach)
     triangles = triangles[near.all(axis=1)]
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = unit_rows(normal)
     on_plane = np.abs(np.einsum("ni,ni->n", point - triangles[:, 0], normal)) <= reach
     inside = np.full(len(triangles), True)
     beside = np.full(len(triangles), np.inf)

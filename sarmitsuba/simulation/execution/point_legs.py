@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.arrays import C128, F64, unit_rows
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.machine.backend import device_array, dr, mi
@@ -65,7 +65,7 @@ class PointLegs:
         up : vertical reference of the polarisation
         """
         leg = antenna - position
-        to_antenna = leg / np.linalg.norm(leg, axis=1)[:, None]
+        to_antenna = unit_rows(leg)
         none = np.zeros(position.shape)
         if trace_scene is None:
             return PointLegs(np.ones(len(position)), none, to_antenna, None)

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.fft
 
 from sarmitsuba.core.arrays import C64, F32, F64
+from sarmitsuba.core.constants import amplitude_from_db
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.machine.backend import device_array, dr, mi
@@ -93,7 +94,7 @@ class Raster:
         self.notes.append(text)
         warnings.warn(text, SarmitsubaWarning, stacklevel=4)
         theta = np.linspace(0.0, 0.5 * np.pi, DIFFUSE_NODES)
-        one = 10.0 ** (STAND_IN_DB / 20.0) * np.cos(theta)
+        one = amplitude_from_db(STAND_IN_DB) * np.cos(theta)
         table = np.broadcast_to(one[None, :, None], (len(with_parts(self.scene.materials)), DIFFUSE_NODES, 2))
         return device_array(mi.Float, np.asarray(table, dtype=np.float32))
 

@@ -14,6 +14,7 @@ import numpy as np
 import scipy
 
 from sarmitsuba.core.arrays import C64, F64
+from sarmitsuba.core.constants import db_from_power, power_from_db
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.core.witness import USELESS_DB, Witness
 from sarmitsuba.simulation.planning.sampling.chains import every_nth, halved
@@ -60,7 +61,7 @@ def witness_rays(
     """
     coherent = [grid for grid in lattices if grid.purpose != "diffuse"]
     n_rays = sum(grid.n_rays for grid in coherent)
-    counted = energy > 10.0 ** (0.1 * EMPTY_DB) * energy.max(initial=0.0)
+    counted = energy > power_from_db(EMPTY_DB) * energy.max(initial=0.0)
     if not n_rays or not counted.any():
         return None
     rng = np.random.default_rng([seed & 0x7FFFFFFF, 0x3A75])
@@ -70,13 +71,13 @@ def witness_rays(
         error, spread = (float((x[counted] / energy[counted]).max()) for x in (common, chance))
         finer = max(1, step // MORE)
         most = WHOLE if n_rays <= WHOLE else MOST_DRAWN
-        if step == 1 or _db(error + 2.0 * spread) <= FINE_DB or n_rays > finer * most:
+        if step == 1 or db_from_power(error + 2.0 * spread) <= FINE_DB or n_rays > finer * most:
             break
         step = finer
-    scatter = 0.0 if math.isnan(two_sets_db) else 10.0 ** (0.1 * two_sets_db)
+    scatter = 0.0 if math.isnan(two_sets_db) else power_from_db(two_sets_db)
     return Witness(
-        _db(error + scatter),
-        _db(error + 2.0 * spread + scatter),
+        db_from_power(error + scatter),
+        db_from_power(error + 2.0 * spread + scatter),
         -(-n_rays // step),
         two_sets_db,
         "rays at half the spacing, and two sets of rays" if scatter else "rays at half the spacing",
@@ -136,7 +137,3 @@ def may_halve(lattices: Sequence[Sequence[LaunchGrid]]) -> bool:
     return all(
         4 * grid.n_rays <= MOST_RAYS for grids in lattices for grid in grids if grid.purpose != "diffuse"
     )
-
-
-def _db(energy: float) -> float:
-    return 10.0 * math.log10(energy) if energy > 0.0 else -math.inf

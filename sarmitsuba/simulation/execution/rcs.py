@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.core.arrays import C128, F64, all_finite
-from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.arrays import C128, F64, all_finite, unit_rows
+from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power
 from sarmitsuba.core.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
@@ -82,7 +82,7 @@ class RcsResult:
         i = self.channels.index(channel) if channel else 0
         total = np.abs(self.amplitude[:, :, i].sum(axis=1)) ** 2
         with np.errstate(divide="ignore"):
-            return np.asarray(10.0 * np.log10(total))
+            return np.asarray(db_from_power(total))
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ class BouncesLeft:
             power = np.square(np.abs(left))
             with np.errstate(divide="ignore", invalid="ignore"):
                 shares = [np.nan_to_num(over(power) / over(power)[0]) for over in (_energy, _strongest)]
-                left_db = 10.0 * np.log10(np.max(shares, axis=(0, 2)))
+                left_db = db_from_power(np.max(shares, axis=(0, 2)))
             # the last quarter shows that later bounces are negligible
             above = np.flatnonzero(left_db > tolerance_db)
             needed = int(above[-1]) + 1 if above.size else 1
@@ -350,7 +350,7 @@ def _stop(
 ) -> None:
     """Raise the error about a launch with echoes that are not finite; see `check_traced`."""
     look = batch.position - batch.frame.center
-    label = partial(_direction, look / np.linalg.norm(look, axis=1, keepdims=True))
+    label = partial(_direction, unit_rows(look))
     lanes, n_channels = grid.n_rays * batch.n_pulses, len(flags.channels)
 
     def culprit(flags: KernelFlags = flags) -> str:
@@ -376,7 +376,7 @@ def _unit_rows(directions: ArrayLike) -> F64:
     look = np.atleast_2d(np.asarray(directions, dtype=np.float64))
     if look.ndim != 2 or look.shape[1] != 3 or not np.isfinite(look).all():
         raise RadarError(f"directions have the shape {look.shape}; (n, 3) finite vectors are needed")
-    return np.asarray(look / np.linalg.norm(look, axis=1, keepdims=True))
+    return unit_rows(look)
 
 
 def _window(geometry: Geometry, position: F64, frame: LaunchFrame) -> F64:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.core.arrays import C128, F64, all_finite
+from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import RadarError, ResourceError
 from sarmitsuba.core.progress import Progress
 from sarmitsuba.core.witness import Witness
@@ -73,7 +74,7 @@ class SolvedCurrents:
     def error_db(self) -> tuple[float, ...]:
         """Energy of the error relative to the echoes, dB, of every channel."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            level = 10.0 * np.log10(self.error / np.square(np.abs(self.amplitude)).mean(axis=0))
+            level = db_from_power(self.error / np.square(np.abs(self.amplitude)).mean(axis=0))
         return tuple(float(v) for v in level)
 
     @property

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.constants import db_from_amplitude, db_from_power, power_from_db
 from sarmitsuba.core.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.effects.catalog.full_wave import FULL_WAVE
@@ -190,7 +191,7 @@ def rcs_sweep(
 
 def _level(amplitude: C128) -> F64:
     with np.errstate(divide="ignore"):
-        return np.asarray(20.0 * np.log10(np.abs(amplitude)))
+        return np.asarray(db_from_amplitude(np.abs(amplitude)))
 
 
 def _currents(
@@ -318,9 +319,9 @@ class _AspectTracing:
             error += np.square(np.abs(other - total)).sum(axis=0)
         error = ERROR_SHARE / others * error + ROUNDING * energy
         # a channel at rounding of another one has no echo whose error could be measured
-        error = np.where(energy > 10.0 ** (0.1 * SILENT_DB) * energy.max(initial=0.0), error, np.nan)
+        error = np.where(energy > power_from_db(SILENT_DB) * energy.max(initial=0.0), error, np.nan)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return tuple(float(v) for v in 10.0 * np.log10(error / energy))
+            return tuple(float(v) for v in db_from_power(error / energy))
 
     def _traced(self, directions: F64, up: tuple[float, float, float], realisation: int) -> RcsResult:
         scene = self.scene
@@ -380,7 +381,7 @@ class _TracedAspects:
             return None
         if solved is not None:
             return np.asarray(
-                10.0 ** (0.1 * found.error_db) * np.square(np.abs(solved.amplitude)).mean(axis=0)
+                power_from_db(found.error_db) * np.square(np.abs(solved.amplitude)).mean(axis=0)
             )
         smooth = dataclasses.replace(
             scene, geometry=smooth_geometry(scene.geometry, 0.5 * NEGLIGIBLE_SAGITTA * wavelength)

@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from sarmitsuba.core.arrays import C64, F64
+from sarmitsuba.core.arrays import C64, F64, sum_energies
 from sarmitsuba.core.constants import SUBSET_SHARES, db_from_power, power_from_db
 from sarmitsuba.core.errors import SarmitsubaError, SarmitsubaWarning
 from sarmitsuba.core.witness import Witness
@@ -130,9 +130,9 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
         ]
         shared, exact = (np.sum(planes, axis=0) for planes in zip(*sets, strict=True))
         weight = 1.0 / (chance.size * chance[pulse])
-        errors.append(weight * _energy(shared[:, pulse - start] - exact))
-        here.append(weight * _energy(exact) if share < 1.0 else mean)
-        energies.append(weight * _energy(shared) / (stop - start) if share < 1.0 else mean)
+        errors.append(weight * sum_energies(shared[:, pulse - start] - exact))
+        here.append(weight * sum_energies(exact) if share < 1.0 else mean)
+        energies.append(weight * sum_energies(shared) / (stop - start) if share < 1.0 else mean)
     if not errors:
         return None
     strips = f" in strips of {100.0 * share:.0f} % of the window" if share < 1.0 else ""
@@ -151,8 +151,8 @@ def _with_boundaries(found: Witness, boundaries: int) -> Witness:
     n = found.samples + boundaries
     # the figure of the boundaries bears their scatter already
     meeting_db = found.law_db - BOUNDARY_SCATTER_DB / math.sqrt(boundaries)
-    drawn, meeting = (10.0 ** (0.1 * level) for level in (found.error_db, meeting_db))
-    error_db = 10.0 * math.log10((found.samples * drawn + boundaries * meeting) / n + 1e-30)
+    drawn, meeting = (power_from_db(level) for level in (found.error_db, meeting_db))
+    error_db = db_from_power((found.samples * drawn + boundaries * meeting) / n + 1e-30)
     upper_db = error_db + _QUANTILE * BOUNDARY_SCATTER_DB / math.sqrt(n)
     reference = f"{found.reference}, and where blocks meet"
     return replace(found, error_db=error_db, upper_db=upper_db, samples=n, reference=reference)
@@ -300,7 +300,7 @@ def effect_witness(run: Run, tracer: Tracer, data: C64, allowance: Allowance) ->
     except SarmitsubaError:  # somewhere it cannot be on
         return None
     names = ", ".join(d.name for d in tried)
-    law_db = float(db_from_power(np.nansum([power_from_db(d.error_db) for d in tried])))
+    law_db = db_from_power(np.nansum([power_from_db(d.error_db) for d in tried]))
     return found and replace(found, law_db=law_db, reference=f"{names} on, {found.reference}")
 
 
@@ -350,15 +350,15 @@ def _compare(
             )
             for tracer in ways
         )
-        errors.append(_energy(more - less))
-        energies.append(_energy(_by_channel(data[:, start:stop], run.layers.layers) + more - less))
+        errors.append(sum_energies(more - less))
+        energies.append(sum_energies(_by_channel(data[:, start:stop], run.layers.layers) + more - less))
         traced += sum(grid.n_rays for grid in lattices)
     if not errors:
         return None
     thinner = f", by rays {factor:.1f} times as far apart" if factor > 1.0 else ""
     reference = f"over {len(errors)} drawn block{'s' * (len(errors) > 1)} of pulses{thinner}"
     found = _worst(np.array(errors), np.array(energies), np.array(energies), math.nan, reference)
-    unseen = 10.0 * math.log10(
+    unseen = db_from_power(
         UNMET / max(traced, 1)
     )  # echoes of rays as bright as the mean that none of these met
     return found and replace(found, upper_db=max(found.upper_db, unseen))
@@ -369,12 +369,6 @@ def _by_channel(planes: C64, layers: Sequence[Layer]) -> C64:
     channels = tuple(dict.fromkeys(layer.channel for layer in layers))
     mine = [[i for i, layer in enumerate(layers) if layer.channel == channel] for channel in channels]
     return np.stack([planes[pick].sum(axis=0, dtype=np.complex64) for pick in mine])
-
-
-def _energy(planes: C64) -> F64:
-    """Energy (n_channels,) of planes (n_channels, ...)."""
-    axes = tuple(range(1, planes.ndim))
-    return np.asarray(np.sum(planes.real**2 + planes.imag**2, axis=axes, dtype=np.float64))
 
 
 def _worst(errors: F64, energies: F64, here: F64, law_db: float, reference: str) -> Witness | None:
@@ -397,7 +391,7 @@ def _worst(errors: F64, energies: F64, here: F64, law_db: float, reference: str)
     if not whole.any():
         return None
     found = []
-    for k in np.flatnonzero(whole > 10.0 ** (0.1 * EMPTY_DB) * whole.max()):
+    for k in np.flatnonzero(whole > power_from_db(EMPTY_DB) * whole.max()):
         each = Witness.from_weighted(errors[:, k], whole[k : k + 1], 0, law_db=law_db, reference=reference)
         upper = each.error_db + _QUANTILE * BOUNDARY_SCATTER_DB / math.sqrt(n)
         found.append(replace(each, upper_db=max(each.upper_db, upper)))

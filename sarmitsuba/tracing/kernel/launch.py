@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F32, F64, U32
+from sarmitsuba.core.arrays import F32, F64, U32, unit_rows
 
 # irrational rotation of the lattice (rad): no low-order lattice line is parallel to the window's axes
 LATTICE_TURN = 0.5 * (5.0**0.5 - 1.0)
@@ -140,13 +140,13 @@ def frame_towards(antenna: F64, center: F64, along: F64) -> LaunchFrame:
     antenna : (n, 3) float64, m; center : (3,); along : (3,) direction whose projection is the x axis
     """
     los = center - antenna
-    los = los / np.linalg.norm(los, axis=1, keepdims=True)
+    los = unit_rows(los)
     x = along - los * (los @ along)[:, None]
     norm = np.linalg.norm(x, axis=1, keepdims=True)
     if not (norm > 1e-9).all():
         spare = np.cross(los, np.roll(np.eye(3)[np.argmin(np.abs(los), axis=1)], 1, axis=1))
         x = np.where(norm > 1e-9, x, spare)
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    x = unit_rows(x)
     return LaunchFrame(np.broadcast_to(center, antenna.shape).copy(), x, np.cross(x, los))
 
 

@@ -12,7 +12,7 @@ from sarmitsuba.scene.mesh.boundary_edges import N_EDGES
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.antenna_weight import fade
 from sarmitsuba.tracing.kernel.device_arrays import device_array, vector_rows
-from sarmitsuba.tracing.kernel.intersector import query_ray
+from sarmitsuba.tracing.kernel.intersector import leave_surface, query_ray
 from sarmitsuba.tracing.kernel.leg import Surroundings, beam_patterns
 from sarmitsuba.tracing.kernel.movement import ShadowBoundary
 from sarmitsuba.tracing.kernel.scene_tables import CLOSED_BIT, INNER_BIT, MATERIAL_MASK
@@ -219,7 +219,7 @@ def arrive(kernel: Kernel, lane: Lane, ray: RayState, found: Found) -> Hit:
     length_back = dr.norm(lane.antenna - p)
     to_antenna64 = (lane.antenna - p) / length_back
     to_antenna = mi.Vector3f(to_antenna64)
-    departure = _departure(mi.Vector3f(landed), n, d, clearance)
+    departure = leave_surface(mi.Vector3f(landed), n, d, clearance)
     sees = active & (dr.dot(to_antenna, n) > 1e-7) & (~first | lane.serves[0])
     if kernel.flags.multi_bounce or kernel.bistatic:
         # the transmitting antenna sees the first hit; the shadow ray ends at the antenna, which may be within the scene
@@ -301,11 +301,6 @@ def _on_ray(
     along = dr.dot(landed - virtual_antenna, n) / dr.dot(d, n)
     p = virtual_antenna + d * along
     return dr.select(dr.squared_norm(p - landed) < dr.square(mi.Float64(limit)), p, landed)
-
-
-def _departure(p: mi.Vector3f, n: mi.Vector3f, d: mi.Vector3f, clearance: mi.Float) -> mi.Vector3f:
-    """Where rays go on from a hit: off the facet, and back along ``d`` to be in front of a corner's other facets."""
-    return p + (n - d) * clearance
 
 
 def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> TubeFootprint:

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.core.arrays import F32, F64, I64, U32
+from sarmitsuba.core.arrays import F32, F64, I64, U32, unit_rows
+from sarmitsuba.core.constants import power_from_db
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.scene.geometry import Geometry
@@ -30,7 +31,7 @@ from sarmitsuba.scene.mesh.pieces import (
 )
 from sarmitsuba.scene.mesh.welding import copies_apart, weld
 from sarmitsuba.tracing.kernel.device_arrays import device_array
-from sarmitsuba.tracing.kernel.intersector import intersector
+from sarmitsuba.tracing.kernel.intersector import clearance_of, intersector
 from sarmitsuba.tracing.kernel.movement import Movers
 from sarmitsuba.tracing.kernel.speckle import SurfacePlace
 from sarmitsuba.tracing.kernel.surface_tables import SurfaceTables
@@ -239,11 +240,8 @@ class TraceScene:
 
     @property
     def clearance(self) -> float:
-        """Distance off a facet at which rays that leave it start, m: eight times the float32 rounding of positions.
-
-        Mitsuba's own ``spawn_ray`` takes 9e-5 (1 + max|p|), half a metre in a scene 10 km across.
-        """
-        return 1e-5 + 8.0 * 2.0**-24 * self.extent
+        """Distance off a facet at which rays that leave it start, m; see :func:`clearance_of`."""
+        return clearance_of(self.extent)
 
 
 # eps - 1 of a perfect conductor in a scene that also has dielectrics, so that one formula serves both: r_tm is
@@ -423,7 +421,7 @@ def _packed(triangles: F64) -> F64:
     v0, v1, v2 = (triangles[:, i] for i in range(3))
     e1, e2 = v1 - v0, v2 - v0
     normal = np.cross(e1, e2)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = unit_rows(normal)
     return np.stack([np.column_stack([a, normal[:, i]]) for i, a in enumerate((v0, e1, e2))], axis=1)
 
 
@@ -436,7 +434,7 @@ def _material_tables(materials: tuple[Material, ...], wavelength: float) -> tupl
     rows, tables = [], []
     for m in materials:
         chi = complex(*PEC_CHI) if m.pec else complex(m.permittivity) - 1.0
-        rows.append([chi.real, chi.imag, m.rms_height, 10.0 ** (m.cross_polar_ratio_db / 10.0)])
+        rows.append([chi.real, chi.imag, m.rms_height, power_from_db(m.cross_polar_ratio_db)])
         table = diffuse_tables(m, wavelength, DIFFUSE_NODES)
         tables.append(np.stack([table.amplitude_h, table.amplitude_v], axis=1))
     return _table32(rows), _table32(tables)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.closing import selected
-from sarmitsuba.tracing.kernel.intersector import query_ray
+from sarmitsuba.tracing.kernel.intersector import leave_surface, query_ray
 from sarmitsuba.tracing.kernel.kernel import TraceCounts
 from sarmitsuba.tracing.kernel.leg import (
     Leg,
@@ -284,7 +284,7 @@ class PointSource:
         outer = dr.norm(leg_out)
         to_antenna = mi.Vector3f(leg_out / outer)
         n = mi.Vector3f(n64)
-        departure = mi.Vector3f(there) + (n + to_antenna) * clearance
+        departure = leave_surface(mi.Vector3f(there), n, -to_antenna, clearance)
         around = Surroundings.within(kernel)
         seen &= around.free(departure, to_antenna, mi.Float(outer), mi.Bool(True))
         basis = antenna_basis(around, to_antenna)

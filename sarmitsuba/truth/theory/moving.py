@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike
 from scipy.special import fresnel
 
 from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.constants import db_from_power
 
 
 def azimuth_displacement(slant_range: ArrayLike, range_speed: ArrayLike, speed: ArrayLike) -> F64:
@@ -120,7 +121,7 @@ def smear_loss_db(phase: ArrayLike) -> F64:
     argument = np.sqrt(2.0 * np.abs(np.asarray(phase, dtype=np.float64)) / np.pi)
     argument = np.maximum(argument, 1e-6)
     sine, cosine = fresnel(argument)
-    return np.asarray(10.0 * np.log10((sine**2 + cosine**2) / argument**2))
+    return np.asarray(db_from_power((sine**2 + cosine**2) / argument**2))
 
 
 def range_walk(range_speed: ArrayLike, time: float) -> F64:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power
+from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power, power_from_db
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.loading import tables
 from sarmitsuba.radar.builder import build_radar
@@ -121,13 +121,13 @@ def point_scene(slant_range: float, resolution: float, **changes: Parameter) -> 
         "image_extent_range": 72.0 * cell,
         **changes,
     }
-    point = PointTarget("point", np.array([3.3 * cell, -2.7 * cell, 0.4 * cell]), 10.0 ** (RCS_DBSM / 10.0))
+    point = PointTarget("point", np.array([3.3 * cell, -2.7 * cell, 0.4 * cell]), power_from_db(RCS_DBSM))
     return make_scene(None, (), parameters, points=(point,))
 
 
 def peak_dbsm(image: SarImage) -> float:
     """Calibrated peak of the brightest target, dBsm."""
-    return float(db_from_power(point_target_in(image).rcs))
+    return db_from_power(point_target_in(image).rcs)
 
 
 def ground_scene(

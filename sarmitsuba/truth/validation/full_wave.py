@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from sarmitsuba.core.arrays import C128, F64
-from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_amplitude, db_from_power
 from sarmitsuba.core.errors import OutputError
 from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
 from sarmitsuba.scene.geometry import Geometry
@@ -246,12 +246,12 @@ class LevelBand:
 def bands(exact: C128, simulated: C128) -> list[LevelBand]:
     """Accuracy of the simulation by level below the peak; one channel, (n,) each."""
     want, got = np.abs(exact), np.maximum(np.abs(simulated), 1e-12)
-    below = 20.0 * np.log10(want.max() / want)
+    below = db_from_amplitude(want.max() / want)
     out = []
     for near, far in pairwise(BELOW_PEAK):
         here = (below >= near) & (below < far)
         if here.any():
-            ratio = 20.0 * np.log10(got[here] / want[here])
-            mean = 10.0 * np.log10(np.sum(got[here] ** 2) / np.sum(want[here] ** 2))
+            ratio = db_from_amplitude(got[here] / want[here])
+            mean = db_from_power(np.sum(got[here] ** 2) / np.sum(want[here] ** 2))
             out.append(LevelBand(near, far, int(here.sum()), float(mean), float(np.sqrt(np.mean(ratio**2)))))
     return out

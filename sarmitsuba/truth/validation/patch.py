@@ -3,6 +3,7 @@
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.simulation.execution.rcs import monostatic_rcs
@@ -17,7 +18,7 @@ RAYS_PER_CELL = 4.0
 # edge of the patch, m, and looks per surface: few cells and many looks cost least for a given standard error
 SIZE, LOOKS = 24.0, 150
 # uncertainty of the number of nodes of a rotated lattice in the patch, three, dB
-COUNT_DB = 10.0 * np.log10(1.0 + 3.0 / SIZE**2)
+COUNT_DB = db_from_power(1.0 + 3.0 / SIZE**2)
 
 
 def diffuse_flags(channels: tuple[str, ...]) -> KernelFlags:

@@ -9,7 +9,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import F32, F64, I32, I64, U8
+from sarmitsuba.core.arrays import F32, F64, I32, I64, U8, unit_rows
+from sarmitsuba.core.constants import power_from_db
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.simulation.execution.path_table import PathTable, PathTracer, joined
@@ -280,7 +281,7 @@ def _served_rows(scene: Scene, grid: ImageGrid, size: int) -> list[tuple[int, in
     for top, bottom in pairwise(np.linspace(0, n_rows, count + 1).round().astype(int).tolist()):
         row = min((top + bottom) * size // 2, grid.shape[0] - 1)
         line = grid.positions_on_line(row)[grid.shape[1] // 2] - track.position
-        line /= np.linalg.norm(line, axis=1, keepdims=True)
+        line = unit_rows(line)
         # the pulse whose beam illuminates that row
         pulse = int(np.argmin(np.abs(np.einsum("ni,ni->n", line, radar.pointing.azimuth_axis))))
         served.append((pulse, top, bottom))
@@ -298,7 +299,7 @@ def _few(number: I64, order: NDArray[np.integer], amplitude: F64) -> I64:
 
 def _brightest(number: I64, amplitude: F64, power: F64, most: int) -> I64:
     """Rows of the brightest cells, as many whole cells as fit; cell by cell, strongest first."""
-    rows = np.flatnonzero(power[number] > power.max(initial=0.0) * 10.0 ** (-0.1 * FLOOR_DB))
+    rows = np.flatnonzero(power[number] > power.max(initial=0.0) * power_from_db(-FLOOR_DB))
     place = np.empty(power.size, dtype=np.int64)
     place[np.argsort(-power, kind="stable")] = np.arange(power.size)
     rows = rows[np.argsort(place[number[rows]], kind="stable")]

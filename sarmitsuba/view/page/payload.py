@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import C64, F64, U8
+from sarmitsuba.core.arrays import C64, F64, U8, unit_rows
 from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.radar.mode import MODES
 from sarmitsuba.radar.radar import Radar
@@ -385,7 +385,7 @@ def _beam(radar: Radar, grid: ImageGrid) -> tuple[tuple[float, float], str]:
     middle = radar.track.center_index
     corners = grid.positions()[:: grid.shape[0] - 1 or 1, :: grid.shape[1] - 1 or 1].reshape(-1, 3)
     line = corners - radar.track.position[middle]
-    line /= np.linalg.norm(line, axis=1, keepdims=True)
+    line = unit_rows(line)
     azimuth = 2.0 * float(np.abs(np.arcsin(line @ radar.pointing.azimuth_axis[middle])).max())
     elevation = 2.0 * float(np.abs(np.arcsin(line @ radar.pointing.elevation_axis[middle])).max())
     if np.isfinite(radar.half_aperture):

@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.constants import db_from_power, power_from_db
 from sarmitsuba.signal.focusing.factorised.sampling import SubimageSampling
 
 # processor seconds of one core: of a pulse at a sample, of a group merged into a sample, of the transforms of a
@@ -126,8 +127,8 @@ class Plan:
         """
         angles = max(section.levels[-1].n_angles for section in self.sections)
         turned = _ANGLE_ROUNDING * 0.5 * angles * np.pi / self.sampling.upsampling / 3.0
-        power = 10.0 ** (0.1 * self.sampling.error_db(self.merges)) + 10.0 ** (0.1 * self.edge_db)
-        return float(10.0 * np.log10(power + turned**2))
+        power = power_from_db(self.sampling.error_db(self.merges)) + power_from_db(self.edge_db)
+        return db_from_power(power + turned**2)
 
     @property
     def n_bytes(self) -> int:

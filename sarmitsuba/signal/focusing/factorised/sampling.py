@@ -6,6 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from sarmitsuba.core.arrays import F32, F64
+from sarmitsuba.core.constants import db_from_power, power_from_db
 from sarmitsuba.signal.raw.gridding import gridding_kernel
 
 TAPS = 8
@@ -64,12 +65,12 @@ class SubimageSampling:
 
 @lru_cache(maxsize=64)
 def _error_db(sampling: SubimageSampling, merges: int) -> float:
-    power = 10.0 ** (0.1 * _PROFILE_ERROR_DB[sampling.width]) + 10.0 ** (0.1 * _ROUNDING_DB)
+    power = power_from_db(_PROFILE_ERROR_DB[sampling.width]) + power_from_db(_ROUNDING_DB)
     power += merges * refinement_error(sampling.upsampling) ** 2
     power += refinement_error(sampling.upsampling / (1.0 + ROW_BAND)) ** 2
     nu = np.linspace(0.0, 0.5 / sampling.upsampling, _NODES)
     power += 2.0 * float(np.mean(gridding_kernel(sampling.width).aliasing(nu) ** 2))
-    return float(10.0 * np.log10(power))
+    return db_from_power(power)
 
 
 def choose_sampling(error_db: float, upsampling: float, merges: int) -> SubimageSampling:

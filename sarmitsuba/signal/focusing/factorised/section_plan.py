@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.constants import SPEED_OF_LIGHT, amplitude_from_db, db_from_amplitude
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import flight
 from sarmitsuba.signal.focusing.factorised.division import PIXEL_SECONDS, Plan, Section, SubimageLevel
@@ -225,7 +225,7 @@ def _levels(
     sight: _SectionSpectra, top: SubimageLevel, lengths: tuple[int, ...], sampling: SubimageSampling
 ) -> tuple[SubimageLevel, ...] | None:
     """Levels from the section's own downwards; None where a smaller group does not need fewer angles."""
-    above, tolerance = top, 10.0 ** (0.05 * (sampling.error_db(len(lengths)) + _BOW_DB))
+    above, tolerance = top, amplitude_from_db(sampling.error_db(len(lengths)) + _BOW_DB)
     levels = [above]
     for length in reversed(lengths):
         coarsest = np.pi / (sight.extent(length)[1] * sampling.upsampling)
@@ -328,7 +328,7 @@ class _ApertureEnds:
         weight = float(window(np.array(0.5))) * float(beam)
         fresnel = np.sqrt(0.5 * radar.waveform.wavelength * far) / max(gap, 1e-9)
         turning = _EDGE_TURNING_DB if abs(1.0 - radar.footprint_speed) > 1e-9 else 0.0
-        return cls(20.0 * float(np.log10(max(weight, 1e-9))) + turning, float(fresnel))
+        return cls(db_from_amplitude(max(weight, 1e-9)) + turning, float(fresnel))
 
     def error_db(self, n: float) -> float:
         """Error of sections of n pulses, dB."""

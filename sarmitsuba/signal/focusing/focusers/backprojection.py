@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sarmitsuba.core.arrays import C64, C128, F64, LinearMap
-from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power, power_from_db
 from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import (
@@ -197,8 +197,8 @@ class Backprojection(Focuser):
         else:
             error = _KERNEL_ERROR_DB[width]
         rounding = ends_rounding(radar) + beam_rounding(radar)
-        power = (10.0 ** (0.1 * error) + rounding) * dimness(radar, image_places(grid, _PLACES))
-        return 10.0 * float(np.log10(power))
+        power = (power_from_db(error) + rounding) * dimness(radar, image_places(grid, _PLACES))
+        return db_from_power(power)
 
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
         """Approximate processor time of one layer on one core."""

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from sarmitsuba.core.arrays import C64, F32, LinearMap
+from sarmitsuba.core.constants import db_from_power, power_from_db
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.radar.radar import Radar
@@ -117,13 +118,13 @@ class Factorised(Focuser):
         plan = self.plan(radar, grid)
         if isinstance(plan, str):
             return math.nan
-        power = 10.0 ** (0.1 * (plan.error_db + MARGIN_DB))
+        power = power_from_db(plan.error_db + MARGIN_DB)
         if not alike(radar):
             weights = image_weights(radar, grid, RECTANGULAR)
             if weights.least <= DARK:
                 return math.nan
             power += weights.error_power
-        return 10.0 * math.log10(power)
+        return db_from_power(power)
 
     def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
         """Peak memory in bytes while the pixels are made, pixels included, raw data not."""

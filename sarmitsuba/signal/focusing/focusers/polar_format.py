@@ -9,6 +9,7 @@ import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.core.arrays import C64, C128, F64, I64, LinearMap
+from sarmitsuba.core.constants import db_from_power, power_from_db
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import (
@@ -119,7 +120,7 @@ def stated_error_db(radar: Radar, grid: ImageGrid) -> float:
     spread = np.std(2.0 * polar.differences(radar, points) / polar.distance[polar.nodes], axis=1)
     power = float((np.mean(phase**2, axis=1) + spread**2).max())
     power += weights_difference(radar, points, pulse_weights(radar, points, "rectangular"))
-    return float(10.0 * np.log10(power + 10.0 ** (0.1 * _FLOOR_DB))) if np.isfinite(power) else float("nan")
+    return db_from_power(power + power_from_db(_FLOOR_DB)) if np.isfinite(power) else float("nan")
 
 
 class _PolarImaging(LinearMap):

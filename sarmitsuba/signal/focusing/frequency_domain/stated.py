@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sarmitsuba.core.constants import db_from_power, power_from_db
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import weights_difference
 from sarmitsuba.signal.focusing.frequency_domain.aperture_filter import aperture_filter
@@ -52,7 +53,7 @@ def stated_error_db(radar: Radar, grid: ImageGrid, law: Migration | None) -> flo
     window = parse_window("rectangular")
     rows, columns = (np.unique([0, n // 2, n - 1]) for n in slant.shape)
     points = replace(slant, azimuth=slant.azimuth[rows], range=slant.range[columns]).positions()
-    power = 10.0 ** (0.1 * _FLOOR_DB)
+    power = power_from_db(_FLOOR_DB)
     power += weights_difference(radar, points, pulse_weights(radar, slant, points, window))
     if own_apertures(radar):
         power += _OWN * _product(radar, slant, radar.half_aperture) ** _OWN_POWER
@@ -63,7 +64,7 @@ def stated_error_db(radar: Radar, grid: ImageGrid, law: Migration | None) -> flo
         power += _TRACK_ENDS * _product(radar, slant, half) ** _OWN_POWER
     if law is not None:
         power += residual_power(radar, slant, law)
-    return float(10.0 * np.log10(power)) if np.isfinite(power) else float("nan")
+    return db_from_power(power) if np.isfinite(power) else float("nan")
 
 
 def _product(radar: Radar, grid: ImageGrid, half: float) -> float:

@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.constants import amplitude_from_db
 from sarmitsuba.signal.focusing.windows.window import WINDOWS, WindowFamily, WindowParameter
 
 
@@ -73,7 +74,7 @@ def taylor_coefficients(n_bar: int, level_db: float) -> tuple[float, ...]:
     ----------
     Carrara, Goodman, Majewski, *Spotlight SAR*, appendix D.2 (sidelobe level ``level_db`` < 0).
     """
-    a = np.arccosh(10.0 ** (-level_db / 20.0)) / np.pi
+    a = np.arccosh(amplitude_from_db(-level_db)) / np.pi
     s2 = n_bar**2 / (a**2 + (n_bar - 0.5) ** 2)
     m = np.arange(1, n_bar)
     out = np.empty(n_bar - 1)

@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from sarmitsuba.core.arrays import C64, F32
-from sarmitsuba.core.constants import SUBSET_SHARES
+from sarmitsuba.core.arrays import C64, F32, sum_energy
+from sarmitsuba.core.constants import SUBSET_SHARES, amplitude_from_db, db_from_power, power_from_db
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.signal.image import SarImage, sliding_means
@@ -129,12 +129,12 @@ def estimate_error(data: C64, layers: Sequence[Layer], *, window: int = 5, pixel
         mean, difference = subset_planes(data, layers, channel)
         power = difference.real**2 + difference.imag**2
         noise = float(power.sum(dtype=np.float64))
-        signal = float(np.sum(mean.real**2 + mean.imag**2, dtype=np.float64))
-        totals.append(10.0 * float(np.log10(max(noise, 1e-60) / max(signal, 1e-60))))
+        signal = sum_energy(mean)
+        totals.append(db_from_power(max(noise, 1e-60) / max(signal, 1e-60)))
         spreads.append(np.hypot(_chance_db(power), SHARED_SCATTER_DB))
         if pixels:
             mean_power = sliding_means(power, (window, window), "nearest")
-            maps.append(np.sqrt(mean_power) * 10.0 ** (SHARED_DB / 20.0))
+            maps.append(np.sqrt(mean_power) * amplitude_from_db(SHARED_DB))
     stack = np.stack(maps).astype(np.float32) if pixels else np.empty((0, *data.shape[1:]), np.float32)
     return ErrorBars(
         channels=channels,
@@ -168,13 +168,13 @@ def estimate_pass_error(change: C64, mean: C64, channels: tuple[str, ...], share
     Error of ray sampling only, as for :func:`estimate_error`. The estimate depends on the random lattice of the last
     pass: where few pixels carry the error it scatters, and ``confidence_db`` is large.
     """
-    less = 10.0 * float(np.log10(max(share * (1.0 - share), 1e-60))) + PASSES_SHARED_DB
+    less = db_from_power(max(share * (1.0 - share), 1e-60)) + PASSES_SHARED_DB
     totals, spreads = [], []
     for x, d in zip(change, mean, strict=True):
         power = x.real**2 + x.imag**2
-        signal = float(np.sum(d.real**2 + d.imag**2, dtype=np.float64))
+        signal = sum_energy(d)
         noise = float(power.sum(dtype=np.float64))
-        totals.append(10.0 * float(np.log10(max(noise, 1e-60) / max(signal, 1e-60))))
+        totals.append(db_from_power(max(noise, 1e-60) / max(signal, 1e-60)))
         spreads.append(np.hypot(np.sqrt(PIXELS_TOGETHER) * _chance_db(power), PASSES_SCATTER_DB))
     return ErrorBars(
         channels=channels,
@@ -239,5 +239,5 @@ def _with_sampling_error(
 
 def _sum_db(*levels: float) -> float:
     """Level of the sum of energies, dB."""
-    total = sum(10.0 ** (0.1 * level) for level in levels)
-    return 10.0 * math.log10(total) if total > 0.0 else -math.inf
+    total = sum(power_from_db(level) for level in levels)
+    return db_from_power(total)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from sarmitsuba.core.arrays import C64
-from sarmitsuba.core.constants import DEFAULT_WINDOW, RAY_ERROR_ORDER
+from sarmitsuba.core.constants import DEFAULT_WINDOW, RAY_ERROR_ORDER, db_from_power, power_from_db
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.core.timing import Clock
@@ -208,7 +208,7 @@ class _Goal:
 
     def share(self, error: float, elapsed: float) -> tuple[float, float]:
         """Progress in per cent: by the passes still needed for the target, or by the time, whichever is larger."""
-        by_error = 10.0 ** ((self.target - error) / (10.0 * RAY_ERROR_ORDER)) if self.target < 0.0 else 0.0
+        by_error = power_from_db((self.target - error) / RAY_ERROR_ORDER) if self.target < 0.0 else 0.0
         by_time = elapsed / self.limit if self.limit > 0.0 else 0.0
         return 100.0 * min(1.0, max(by_error, by_time)), 100.0
 
@@ -279,9 +279,9 @@ class _PassImage:
         found = Witness.read(witnesses.get("rays")) if isinstance(witnesses, Mapping) else None
         if found is None:
             return error_db
-        scatter = 0.0 if np.isnan(found.law_db) else 10.0 ** (0.1 * found.law_db)
-        bias = max(10.0 ** (0.1 * found.error_db) - scatter, 0.0)
-        return float(10.0 * np.log10(10.0 ** (0.1 * error_db) + bias))
+        scatter = 0.0 if np.isnan(found.law_db) else power_from_db(found.law_db)
+        bias = max(power_from_db(found.error_db) - scatter, 0.0)
+        return db_from_power(power_from_db(error_db) + bias)
 
 
 def blocks_of(state: Path) -> Path:

@@ -15,8 +15,8 @@ from typing import Literal
 import numpy as np
 from scipy.special import stdtrit
 
-from sarmitsuba.core.arrays import C64, F64
-from sarmitsuba.core.constants import SUBSET_SHARES
+from sarmitsuba.core.arrays import C64, F64, sum_energies
+from sarmitsuba.core.constants import SUBSET_SHARES, db_from_power
 from sarmitsuba.core.errors import SarmitsubaError, SarmitsubaWarning
 from sarmitsuba.core.timing import Clock
 from sarmitsuba.effects.effect import EFFECTS, Decision, Effect, effects
@@ -368,14 +368,9 @@ def switched(loaded: Scene, decision: Decision) -> Scene:
     return replace(loaded, settings=replace(settings, effects=switches))
 
 
-def _energy(planes: C64) -> F64:
-    """Energy of each channel."""
-    return np.asarray(np.square(np.abs(planes)).sum(axis=(1, 2), dtype=np.float64))
-
-
 def _ratio(change: C64, image: C64) -> float:
     """Energy of the change relative to the image, worst channel."""
-    return float(np.max(_energy(change) / np.maximum(_energy(image), 1e-300)))
+    return float(np.max(sum_energies(change) / np.maximum(sum_energies(image), 1e-300)))
 
 
 def _spread_of(change: C64, data: C64, blocks: Sequence[tuple[int, int]], n: int) -> float:
@@ -383,7 +378,7 @@ def _spread_of(change: C64, data: C64, blocks: Sequence[tuple[int, int]], n: int
 
     Standard error of a ratio of sums (W. G. Cochran, Sampling Techniques, 1977, 6.13) times Student's t.
     """
-    parts = [(_energy(change[:, a:b]), _energy(data[:, a:b])) for a, b in blocks]
+    parts = [(sum_energies(change[:, a:b]), sum_energies(data[:, a:b])) for a, b in blocks]
     above, below = (np.stack(x) for x in zip(*parts, strict=True))
     return float(max(ratio_margin(a, b, n) for a, b in zip(above.T, below.T, strict=True)))
 
@@ -415,9 +410,9 @@ def _stated(ratio: float, margin: float | None) -> tuple[float, bool]:
     if ratio == 0.0:
         return -np.inf, margin is None
     upper = 1.0 + (margin or 0.0)
-    if 10.0 * np.log10(upper) <= WELL_KNOWN_DB:
-        return float(10.0 * np.log10(ratio)), True
-    return float(10.0 * np.log10(ratio * upper)), False
+    if db_from_power(upper) <= WELL_KNOWN_DB:
+        return db_from_power(ratio), True
+    return db_from_power(ratio * upper), False
 
 
 def share_of(on: bool, here: float, there: float) -> float:

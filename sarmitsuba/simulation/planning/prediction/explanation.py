@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.effects.plan import Decision, EffectsPlan
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.machine.memory import in_bytes
@@ -16,7 +17,7 @@ from sarmitsuba.simulation.planning.prediction.needs import duration
 from sarmitsuba.simulation.planning.prediction.prediction import Prediction, predict
 
 # weaker changes of the image are rounding, dB
-NOTHING_DB = 10.0 * float(np.log10(NOTHING))
+NOTHING_DB = db_from_power(NOTHING)
 # shares of the processor time below this are within the scatter of timing
 LEAST_TOLD = 0.1
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.special import fresnel
 
 from sarmitsuba.core.arrays import F64, box_of_each
+from sarmitsuba.core.constants import db_from_amplitude
 from sarmitsuba.scene.scene import Scene
 
 # largest share of rays that ground in front of the image may add to a launch window
@@ -56,7 +57,7 @@ class BounceGround:
             np.stack([top, np.maximum(top - np.maximum(width - spare, 0.0) / slope, 0.0)]) / fresnel_zone
         )
         whole, part = real + 1j * imaginary
-        loss = -20.0 * np.log10(np.maximum(np.abs(part) / np.abs(whole), 1e-2))
+        loss = -db_from_amplitude(np.maximum(np.abs(part) / np.abs(whole), 1e-2))
         return float(width.max()), float(loss.max())
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.arrays import F64, unit_rows
 from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.radar.swath import beam_bandwidth
@@ -138,8 +138,8 @@ def _level(scene: Scene, point: PointTarget, distance: F64, place: F64) -> float
     radar, track = scene.radar, scene.radar.track
     wavelength, cell = radar.waveform.wavelength, radar.waveform.range_cell
     position = point.position_at(track.time)
-    gain = direction_gain(radar, slice(None), _unit(position - track.position))
-    line = _unit(place - track.position)
+    gain = direction_gain(radar, slice(None), unit_rows(position - track.position))
+    line = unit_rows(place - track.position)
     mask = np.abs((line - radar.pointing.boresight) @ track.along) <= radar.half_aperture
     own = float((direction_gain(radar, slice(None), line) * mask).sum())
     if own == 0.0 or not mask.any():
@@ -194,7 +194,3 @@ def _beside(scene: Scene, places: F64) -> F64:
 
 def _middle(scene: Scene) -> F64:
     return np.array([scene.image.center_x, scene.image.center_y, scene.image.height])
-
-
-def _unit(v: F64) -> F64:
-    return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))

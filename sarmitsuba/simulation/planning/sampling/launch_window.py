@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F64, box_corners
+from sarmitsuba.core.arrays import F64, box_corners, unit_rows
 from sarmitsuba.core.errors import RadarError
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.track import Track
@@ -105,7 +105,7 @@ def sectors(scene: Scene) -> list[tuple[int, int]]:
     """First pulse and the one after the last of every sector, within which the line of sight rotates by ``SECTOR``."""
     image, n = scene.image, scene.radar.track.n_pulses
     line = np.array([image.center_x, image.center_y, image.height]) - scene.radar.track.position
-    line /= np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-300)
+    line = unit_rows(line)
     starts = [0]
     while True:
         cosine = line[starts[-1] :] @ line[starts[-1]]

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F64, box_corners
+from sarmitsuba.core.arrays import F64, box_corners, unit_rows
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
@@ -140,7 +140,7 @@ def _phase_error(plan: BlockPlan, radar: Radar, point: F64, motion: Motion) -> f
 def beam_change(radar: Radar, point: F64, length: int) -> float:
     """Largest change of the two-way gain towards a point over half a block, relative to its peak over the track."""
     pointing, leg = radar.pointing, point - radar.track.position
-    u = leg / np.linalg.norm(leg, axis=1, keepdims=True)
+    u = unit_rows(leg)
     gain = radar.antenna.two_way_amplitude(
         np.sum(u * pointing.azimuth_axis, axis=1), np.sum(u * pointing.elevation_axis, axis=1)
     )

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F32, F64
+from sarmitsuba.core.constants import db_from_amplitude
 from sarmitsuba.scene.mesh.metal_corners import MOST_RAYS as CORNER_RAYS
 from sarmitsuba.simulation.planning.sampling.small_lattice import (
     LONGEST,
@@ -69,7 +70,7 @@ class Shortfall:
         """Estimated upper bound of the bias of coherent power, dB; diffuse power fluctuates, but is unbiased."""
         if self.purpose == "diffuse" or self.corners or self.chains:
             return 0.0
-        return float(max(0.0, 20.0 * np.log10(self.spacing / self.needed) + SERVED_DB))
+        return float(max(0.0, db_from_amplitude(self.spacing / self.needed) + SERVED_DB))
 
 
 # power of a tube relative to the largest permitted (two rays across a width, a tenth of a Fresnel zone), dB

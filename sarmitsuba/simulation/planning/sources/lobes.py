@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sarmitsuba.core.arrays import C64, F64
+from sarmitsuba.core.arrays import C64, F64, unit_rows
+from sarmitsuba.core.constants import power_from_db
 from sarmitsuba.core.errors import ExtensionError
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.radar.polarisation import linear_parts
@@ -60,7 +61,7 @@ def change_in_blocks(scene: Scene, kind: Reflector, targets: Sequence[ScattererT
             )
         )
     energy = np.concatenate(power)
-    strong = energy > 10.0 ** (0.1 * scene.settings.tolerance_db) * energy.max(initial=0.0)
+    strong = energy > power_from_db(scene.settings.tolerance_db) * energy.max(initial=0.0)
     return float((np.concatenate(change)[strong] / energy[strong]).max(initial=0.0))
 
 
@@ -71,7 +72,7 @@ def amplitudes_along(scene: Scene, kind: Reflector, targets: Sequence[ScattererT
     legs = []  # of each antenna: straight, and over the ground where there is any
     for track in radar.tracks:
         leg = track.position - positions_of(tuple(targets))[:, None]
-        to = leg / np.linalg.norm(leg, axis=-1, keepdims=True)
+        to = unit_rows(leg)
         legs.append([to * [1.0, 1.0, sign] for sign in (1.0, -1.0)[: _ways(scene)]])
     sent, home, e, q = [], [], [], []
     for out in legs[0]:
@@ -106,5 +107,5 @@ def _ways(scene: Scene) -> int:
 def _basis(to_antenna: F64) -> dict[str, F64]:
     """Horizontal and vertical unit vectors for directions (..., 3) to an antenna."""
     h = np.cross(-to_antenna, [1e-9, 0.0, 1.0])  # not undefined straight up
-    h /= np.linalg.norm(h, axis=-1, keepdims=True)
+    h = unit_rows(h)
     return {"H": h, "V": np.cross(h, -to_antenna)}

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C128, F64, box_of_each, boxes_meet
+from sarmitsuba.core.constants import power_from_db
 from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.machine.backend import dr, mi
@@ -201,7 +202,7 @@ def _cell_of_run(site: Site, pilot: PairEstimate, areas: tuple[float, float]) ->
     error = _realisation_error(site, pilot)
     if error == 0.0:
         return pilot.cell
-    tolerance = 10.0 ** (site.scene.settings.tolerance_db / 10.0)
+    tolerance = power_from_db(site.scene.settings.tolerance_db)
     wanted = _rounded_down(pilot.cell * float(np.sqrt(tolerance / error)))
     finest = max(_cell_for(areas, MOST_POINTS), FINEST * site.scatterer_cell)
     return min(pilot.cell, max(wanted, finest))

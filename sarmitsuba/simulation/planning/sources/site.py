@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.arrays import F64, unit_rows
 from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.fold_sections import Folds
@@ -85,7 +85,7 @@ class Site(ABC):
         position = self.scene.radar.track.position
         step = -(-len(position) // MOST_LOOKS)
         away = np.concatenate([position[::step], position[-1:]]) - point
-        return np.asarray(away / np.linalg.norm(away, axis=1, keepdims=True))
+        return unit_rows(away)
 
     @property
     @abstractmethod
@@ -181,7 +181,7 @@ class RunSite(Site):
         views = []
         for track in self.scene.radar.tracks:
             line = self.center - track.position
-            line = line / np.linalg.norm(line, axis=1, keepdims=True)
+            line = unit_rows(line)
             turn = float(np.arccos(np.clip(np.einsum("ij,ij->i", line[1:], line[:-1]), -1.0, 1.0)).sum())
             count = max(LEAST_VIEWS, int(np.ceil(turn / VIEW_TURN))) // 2
             n, middle = track.n_pulses, track.center_index

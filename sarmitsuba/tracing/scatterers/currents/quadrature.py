@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.arrays import F64, unit_rows
 
 
 def triangle_rule(n: int) -> tuple[F64, F64]:
@@ -53,7 +53,7 @@ def inverse_distance_integrals(points: F64, corners: F64) -> tuple[F64, F64]:
     sources on polygons).
     """
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = unit_rows(normal)
     height = np.einsum("nmc,nc->nm", points - corners[:, None, 0], normal)
     above = np.abs(height)
     scalar = np.zeros(points.shape[:2])

@@ -18,7 +18,7 @@ from sarmitsuba.scene.mesh.sharp_edges import DIRECTIONS, SharpEdges, sharp_edge
 from sarmitsuba.scene.mesh.thin_rims import metal_edges
 from sarmitsuba.scene.visible_faces import VisibleFaces
 from sarmitsuba.tracing.kernel import field
-from sarmitsuba.tracing.kernel.intersector import intersector, query_ray
+from sarmitsuba.tracing.kernel.intersector import intersector, leave_surface, query_ray
 from sarmitsuba.tracing.kernel.leg import Leg
 from sarmitsuba.tracing.kernel.source import Scatterers
 from sarmitsuba.tracing.kernel.stage import mirrored
@@ -150,7 +150,7 @@ def _steps(start: F64, step: F64) -> mi.Ray3f:
         [device_array(mi.Float, np.ascontiguousarray(column, dtype=np.float32)) for column in rows.T]
         for rows in (start, step)
     )
-    return mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction), mi.Float(1.0), 0.0, [])
+    return query_ray(mi.Point3f(*origin), mi.Vector3f(*direction), mi.Float(1.0))
 
 
 def _met(scene: mi.Scene, start: F64, step: F64) -> NDArray[np.bool_]:
@@ -276,7 +276,7 @@ class FringeCurrents(Scatterers):
         if self._gap is not None:
             clearance = clearance + GAPS * dr.gather(mi.Float, self._gap, index)
         inward = mi.Vector3f(first.x + second.x, first.y + second.y, first.z + second.z)
-        start = point + (direction - dr.normalize(inward)) * clearance
+        start = leave_surface(point, direction, dr.normalize(inward), clearance)
         if self._thickness is None:
             return start
         # off the plate's corner on the side of the leg

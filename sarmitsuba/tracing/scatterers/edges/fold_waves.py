@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.arrays import F64, unit_rows
 from sarmitsuba.effects.fold_sections import Folds, fold_grids
 from sarmitsuba.machine.backend import device_array, dr, mi
 from sarmitsuba.tracing.kernel import field
@@ -85,8 +85,8 @@ class FoldWaves(Scatterers):
         begin = 0
         for piece, grid in zip(self._pieces, self._grids, strict=True):
             middle, side = piece.arms.sum(axis=1), piece.arms[:, 1] - piece.arms[:, 0]
-            middle /= np.linalg.norm(middle, axis=1, keepdims=True)
-            side /= np.linalg.norm(side, axis=1, keepdims=True)
+            middle = unit_rows(middle)
+            side = unit_rows(side)
             places = [grid.first, 1.0 / grid.step, grid.lean_first, 1.0 / grid.lean_step]
             table = np.zeros((piece.n, 5, 4))
             table[:, 0, :3], table[:, 0, 3] = middle, piece.length

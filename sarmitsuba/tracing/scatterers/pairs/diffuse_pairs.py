@@ -31,6 +31,7 @@ from sarmitsuba.radar.polarisation import linear_parts
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.antenna_weight import fade
 from sarmitsuba.tracing.kernel.diffuse_return import mixed
+from sarmitsuba.tracing.kernel.intersector import leave_surface
 from sarmitsuba.tracing.kernel.kernel import TraceCounts
 from sarmitsuba.tracing.kernel.leg import Leg, Surroundings, pattern_gain, straight_leg
 from sarmitsuba.tracing.kernel.propagation import antenna_of
@@ -40,7 +41,7 @@ from sarmitsuba.tracing.kernel.source import MAX_LANES, Part
 from sarmitsuba.tracing.kernel.speckle import mix
 from sarmitsuba.tracing.kernel.state import SCATTERER, Contribution, Kernel
 from sarmitsuba.tracing.kernel.table_rows import FaceRow, MaterialRow
-from sarmitsuba.tracing.scatterers.pairs.pair_search import FACING, SurfacePairs, off_surface
+from sarmitsuba.tracing.scatterers.pairs.pair_search import FACING, SurfacePairs
 from sarmitsuba.tracing.scatterers.water.temporal import Age
 
 if TYPE_CHECKING:
@@ -209,7 +210,7 @@ class PairSource:
         factor = weight * constants.spreading_loss(out.length, home.length) * lit.fade
         factor *= pattern_gain(kernel, antenna, pulse, out.leaving, home.leaving)
         closed = _linear(flags)
-        arrival = off_surface(b.point, b.normal, -s, constants.clearance)
+        arrival = leave_surface(mi.Vector3f(b.point), b.normal, s, constants.clearance)
         u, v = mi.coordinate_system(s)
         length = mi.Float64(dr.norm(b.point - a.point))
         letters = dict.fromkeys(channel[0] for channel in closed)
@@ -254,7 +255,8 @@ def _lit(kernel: Kernel, pulses: PulseBatch, pulse: mi.UInt32, end: _PairEnd) ->
     clearance = kernel.constants.clearance
 
     def departure(to: mi.Vector3f) -> tuple[mi.Vector3f, mi.Bool]:
-        return off_surface(end.point, end.normal, to, clearance), dr.dot(to, end.normal) > FACING
+        start = leave_surface(mi.Vector3f(end.point), end.normal, -to, clearance)
+        return start, dr.dot(to, end.normal) > FACING
 
     leg = straight_leg(Surroundings.within(kernel), end.point, departure, position, velocity)
     return _LitEnd(leg, _window(kernel, pulse, position, -leg.to_antenna64))

@@ -24,7 +24,7 @@ from sarmitsuba.core.arrays import F64, U32
 from sarmitsuba.machine.backend import device_array, dr, mi
 from sarmitsuba.scene.mesh.surface_samples import SurfaceSamples
 from sarmitsuba.tracing.kernel.device_arrays import vector_rows
-from sarmitsuba.tracing.kernel.intersector import intersector
+from sarmitsuba.tracing.kernel.intersector import intersector, leave_surface, query_ray
 from sarmitsuba.tracing.kernel.leg import Surroundings
 from sarmitsuba.tracing.kernel.propagation import hit_point
 from sarmitsuba.tracing.kernel.scattering_matrix import diffuse_lookup
@@ -131,7 +131,7 @@ def _search(
     n_a = v32(n_a64)
     out = mi.Frame3f(n_a).to_world(_direction(keys))
     found = stops.ray_intersect_preliminary(
-        mi.Ray3f(off_surface(a, n_a, out, clearance), out), coherent=False
+        query_ray(leave_surface(v32(a), n_a, -out, clearance), out), coherent=False
     )
     there = found.is_valid()
     face_b = found.prim_index if rows is None else dr.gather(u32, rows, found.prim_index, there)
@@ -247,14 +247,8 @@ def _sees(
     length = dr.norm(leg)
     to, n = mi.Vector3f(leg / length), mi.Vector3f(normal)
     seen = active & (dr.dot(to, n) > FACING)
-    return seen & around.free(off_surface(point, n, to, around.clearance), to, mi.Float(length), seen)
-
-
-def off_surface(
-    point: mi.Vector3d, normal: mi.Vector3f, direction: mi.Vector3f, clearance: mi.Float
-) -> mi.Vector3f:
-    """Start of a ray from a surface point, m."""
-    return mi.Vector3f(point) + (normal + direction) * clearance
+    start = leave_surface(mi.Vector3f(point), n, -to, around.clearance)
+    return seen & around.free(start, to, mi.Float(length), seen)
 
 
 def _stopping(

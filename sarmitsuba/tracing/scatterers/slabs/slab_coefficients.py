@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import F32, F64, U32
+from sarmitsuba.core.arrays import F32, F64, U32, unit_rows
 from sarmitsuba.core.constants import VACUUM_IMPEDANCE
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.scene.materials.slab import lets_through
 from sarmitsuba.tracing.kernel.device_arrays import device_array
-from sarmitsuba.tracing.kernel.intersector import intersector
+from sarmitsuba.tracing.kernel.intersector import intersector, query_ray
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
@@ -144,7 +144,7 @@ class SlabTables:
         rows = self.transmitting_rows
         corner = self.triangles[rows]
         normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        normal = unit_rows(normal)
         thickness = self.thickness[rows]
         gap = np.zeros(len(self.thickness), dtype=np.float32)
         for side in (1.0, -1.0):
@@ -154,7 +154,7 @@ class SlabTables:
                 [device_array(mi.Float, row.astype(np.float32)) for row in x.T] for x in (start, away)
             )
             far = device_array(mi.Float, (SAME_SLAB * thickness).astype(np.float32))
-            ray = mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction), far, 0.0, [])
+            ray = query_ray(mi.Point3f(*origin), mi.Vector3f(*direction), far)
             met = self.transmitting.ray_intersect_preliminary(ray, coherent=False)
             found, other, t = (np.asarray(x) for x in (met.is_valid(), met.prim_index, met.t))
             other = np.where(found, other, 0)

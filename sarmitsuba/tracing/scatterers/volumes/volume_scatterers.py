@@ -14,7 +14,7 @@ from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.scene.materials.vegetation.canopy import NODES
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.device_arrays import device_array, vector_rows
-from sarmitsuba.tracing.kernel.intersector import intersector
+from sarmitsuba.tracing.kernel.intersector import intersector, query_ray
 from sarmitsuba.tracing.kernel.leg import Leg
 from sarmitsuba.tracing.kernel.scattering_matrix import Drawn, one_term
 from sarmitsuba.tracing.kernel.source import Scatterers
@@ -132,7 +132,7 @@ class VolumeSurfaces:
 
         def cross(state: _Crossing) -> tuple[_Crossing]:
             found = self.mi_scene.ray_intersect_preliminary(
-                mi.Ray3f(origin + state.aside + direction * state.t, direction),
+                query_ray(origin + state.aside + direction * state.t, direction),
                 coherent=False,
                 active=state.going,
             )

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.arrays import F64, unit_rows
 from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.radar import Radar
@@ -98,14 +98,14 @@ def closed_gain(radar: Radar, pattern: str, point: F64, spread: F64 | None = Non
     boresight = np.broadcast_to(middle, place.shape)
     if radar.mode == "spotlight":
         boresight = radar.aim_point - place
-        boresight = boresight / np.linalg.norm(boresight, axis=1, keepdims=True)
+        boresight = unit_rows(boresight)
     azimuth = along - (boresight @ along)[:, None] * boresight
-    azimuth /= np.linalg.norm(azimuth, axis=1, keepdims=True)
+    azimuth = unit_rows(azimuth)
     elevation = np.cross(azimuth, boresight)
 
     def one_way(target: F64) -> F64:
         line = target - place
-        line = line / np.linalg.norm(line, axis=1, keepdims=True)
+        line = unit_rows(line)
         gain = GAINS[pattern]
         return np.asarray(gain(np.sum(line * azimuth, axis=1)) * gain(np.sum(line * elevation, axis=1)))
 

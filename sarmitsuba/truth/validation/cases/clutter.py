@@ -10,7 +10,7 @@ from scipy.special import gammainc
 from scipy.stats import kstest
 
 from sarmitsuba.core.arrays import F64, I64
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power
+from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power, power_from_db
 from sarmitsuba.machine.backend import device_array, dr, mi
 from sarmitsuba.scene.materials.map_materials import varied
 from sarmitsuba.scene.materials.material import ClassMap, Material, SurfaceMaps
@@ -84,7 +84,7 @@ def _clutter(shape: float, n_cells: float) -> F64:
     """Intensity relative to the given level, without the image's rim."""
     own = _ground(n_cells).materials[0]
     image = _image(_ground(n_cells, replace(own, texture_shape=shape, texture_length=LENGTH)))
-    return np.asarray(image.sigma0()[RIM:-RIM, RIM:-RIM] / 10.0 ** (LEVEL_DB / 10.0))
+    return np.asarray(image.sigma0()[RIM:-RIM, RIM:-RIM] / power_from_db(LEVEL_DB))
 
 
 def k_distribution(quick: bool = False) -> Case:
@@ -274,7 +274,7 @@ def surface_maps(quick: bool = False) -> Case:
         half = 0.5 * n_cells * CELL
         scene = _ground(n_cells, heading_deg=heading)
         own, even = scene.materials[0], _image(scene).sigma0()
-        bitmap = Bitmap(10.0 ** (asked / 10.0), in_plan((-half, -half, half, half), _turned(turn)))
+        bitmap = Bitmap(power_from_db(asked), in_plan((-half, -half, half, half), _turned(turn)))
         mapped = replace(own, maps=SurfaceMaps(level=bitmap))
         image = _image(replace(scene, materials=(mapped,)))
         place = _places(image, half, turn)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.constants import db_from_power, power_from_db
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation.band_sampling import X_WAVELENGTH
@@ -80,7 +80,7 @@ def diffuse_laws(quick: bool = False) -> Case:
 def _closed_law(material: Material, theta: F64) -> tuple[F64, F64]:
     """Law of a material at exact angles as published, without the package's functions and without its table."""
     k, s, length = 2.0 * np.pi / X_WAVELENGTH, material.rms_height, material.correlation_length
-    level = 10.0 ** (material.diffuse_level_db / 10.0)
+    level = power_from_db(material.diffuse_level_db)
     law = material.diffuse_law
     if law == "small_perturbation":
         return theory.small_perturbation_sigma0(theta, SOIL, k, s, length)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.constants import amplitude_from_db, db_from_power
 from sarmitsuba.simulation.execution.rcs import monostatic_rcs
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation import targets
@@ -126,7 +126,7 @@ def rolled_dihedral(quick: bool = False) -> Case:
             "leakage HV / HH at roll 0, share of amplitude",
             np.zeros(1),
             np.zeros(1),
-            10.0 ** (leak / 20.0),
+            amplitude_from_db(leak),
             tolerance=0.01,
             reason="-40 dB asked for; float32 fields leave less",
             unit="",

@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 
 from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.constants import db_from_amplitude, db_from_power
 from sarmitsuba.truth.validation import full_wave
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry
 from sarmitsuba.truth.validation.comparison import Case, Comparison
@@ -75,7 +76,7 @@ def _where_it_ends(exact: C128, got: C128) -> str:
                 f"{b.near:g} to {b.far:g} dB: {b.mean_db:+.1f} dB (rms {b.rms_db:.1f})" for b in found
             )
         )
-    cross = 10.0 * np.log10(np.sum(np.abs(got[:, 1]) ** 2) / np.sum(np.abs(exact[:, 1]) ** 2))
+    cross = db_from_power(np.sum(np.abs(got[:, 1]) ** 2) / np.sum(np.abs(exact[:, 1]) ** 2))
     return (
         "All cuts together, mean power over the exact one and rms difference of the levels, by how far the exact level "
         "lies below the peak (which sorts filled nulls into the lowest classes): "
@@ -84,7 +85,7 @@ def _where_it_ends(exact: C128, got: C128) -> str:
 
 
 def _db(amplitude: C128) -> F64:
-    return np.asarray(20.0 * np.log10(np.maximum(np.abs(amplitude), 1e-12)))
+    return np.asarray(db_from_amplitude(np.maximum(np.abs(amplitude), 1e-12)))
 
 
 for _name in full_wave.SCENES:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.constants import db_from_power, power_from_db
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry
@@ -105,11 +105,11 @@ def received_power(quick: bool = False) -> Case:
             db_from_power(
                 theory.received_power(
                     power,
-                    10.0 ** (gain / 10.0),
+                    power_from_db(gain),
                     radar.waveform.wavelength,
                     scene.points[0].rcs,
                     float(r),
-                    10.0 ** (losses / 10.0),
+                    power_from_db(losses),
                 )
             )
         )

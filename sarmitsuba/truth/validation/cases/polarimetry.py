@@ -13,7 +13,8 @@ from sarmitsuba.analysis.polarimetry import (
     span,
     stokes,
 )
-from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.arrays import F64, unit_rows
+from sarmitsuba.core.constants import amplitude_from_db, db_from_power, power_from_db
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.settings import TraceSettings
@@ -245,7 +246,7 @@ def _ground(rng: np.random.Generator, n: int, angle: float, eps: float, ratio_db
         float(x[0])
         for x in theory.small_perturbation_sigma0([np.radians(angle)], permittivity, wavenumber, *ROUGH)
     )
-    closed = theory.polarimetry.rough_surface_coherency(hh, vv, 10.0 ** (ratio_db / 10.0))
+    closed = theory.polarimetry.rough_surface_coherency(hh, vv, power_from_db(ratio_db))
     entropy, alpha = theory.polarimetry.entropy_alpha(closed)
     # samples of the theory's matrix with as many looks as the image has cells
     values, vectors = np.linalg.eigh(closed)
@@ -284,7 +285,7 @@ def cross_polar_reciprocity(quick: bool = False) -> Case:
     for depth in (1, 3) if quick else (1, 2, 3, 1, 2, 3):
         view = RadarView.drawn(rng)
         normals = rng.standard_normal((3, 3))
-        normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = unit_rows(normals)
         faces = [
             targets.parallelogram([0, 0, 0], a * 2.0, b * 2.0)
             for a, b in zip(normals, np.roll(normals, 1, 0), strict=True)
@@ -298,8 +299,8 @@ def cross_polar_reciprocity(quick: bool = False) -> Case:
         )
         quad = quad_pol(image)
         t = coherency(quad, image.grid.shape)[0, 0]
-        levels.append(10.0 ** (quad.asymmetry_db / 20.0))
-        cross.append(float(10.0 * np.log10(t[2, 2].real / np.trace(t).real)))
+        levels.append(amplitude_from_db(quad.asymmetry_db))
+        cross.append(db_from_power(t[2, 2].real / np.trace(t).real))
     number = np.arange(len(levels), dtype=np.float64)
     return Case(
         name="cross_polar_reciprocity",

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power
+from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_amplitude, db_from_power
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
@@ -42,7 +42,7 @@ def corner_behind_pane(quick: bool = False) -> Case:
             images = [chain(scene, seed=1) for scene in (own, other)]
             peaks = [[point_target_in(image, c) for c in ("HH", "VV")] for image in images]
             shift["got"].append(peaks[0][1].range_position - peaks[1][1].range_position)
-            level["got"].append([float(db_from_power(a.rcs / b.rcs)) for a, b in zip(*peaks, strict=True)])
+            level["got"].append([db_from_power(a.rcs / b.rcs) for a, b in zip(*peaks, strict=True)])
             seen = [_peak_through(q, normal, sight, wall) for q in (h, np.cross(h, -sight))]
             level["want"].append([each[0] for each in seen])
             shift["want"].append(seen[1][1])
@@ -95,7 +95,7 @@ def _peak_through(q: F64, normal: F64, sight: F64, wall: tuple[complex, float, f
     pulse = np.abs(
         np.exp(4j * np.pi / SPEED_OF_LIGHT * np.outer(farther, frequency)) @ both_legs / len(frequency)
     )
-    return float(20.0 * np.log10(pulse.max())), float(farther[np.argmax(pulse)])
+    return db_from_amplitude(pulse.max()), float(farther[np.argmax(pulse)])
 
 
 def room(heading: float, look: float, turn: float, far: float, pane: Material | None) -> Scene:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.arrays import F64, unit_rows
 from sarmitsuba.scene.materials.diffuse_law import LAWS
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.truth.theory import sea as theory
@@ -56,7 +56,7 @@ def waves(quick: bool = False) -> Case:
         patch = deep.reshape(-1, 1) * _away(scene) + wide.reshape(-1, 1) * along
         places = (middle[:, None, None] * _away(scene) + patch).reshape(-1, 3)
         sight = places - antenna
-        sight /= np.linalg.norm(sight, axis=1, keepdims=True)
+        sight = unit_rows(sight)
         speed = np.sum(theory.orbital_velocity(sea.waves, places, 0.0) * sight, axis=1)
         _, bragg, share = drawn.expected()
         mean = (2.0 * share - 1.0) * bragg * WAVELENGTH / (4.0 * np.pi)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from sarmitsuba.core.arrays import C128, F64
-from sarmitsuba.core.constants import VACUUM_IMPEDANCE, db_from_power
+from sarmitsuba.core.constants import VACUUM_IMPEDANCE, db_from_amplitude, db_from_power
 from sarmitsuba.machine.backend import dr, ensure_backend, mi
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.simulation.execution.rcs import monostatic_rcs
@@ -335,8 +335,8 @@ def double_glazing(quick: bool = False) -> Case:
         through = theory.layers_insertion(
             float(np.cos(angle)), [(eps[0], d1), (1.0 + 0.0j, gap), (eps[1], d2)], X_WAVELENGTH
         )
-        want.append([20.0 * np.log10(abs(t) ** 2) for t in through])
-        got.append(20.0 * np.log10(np.abs((behind - alone) / bare)))
+        want.append([db_from_amplitude(abs(t) ** 2) for t in through])
+        got.append(db_from_amplitude(np.abs((behind - alone) / bare)))
         angles.append(np.degrees(angle))
     order = np.argsort(angles)
     a, b, x = np.asarray(want)[order], np.asarray(got)[order], np.asarray(angles)[order]

@@ -7,6 +7,7 @@ import scipy.fft
 from scipy.integrate import simpson
 
 from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.constants import power_from_db
 from sarmitsuba.signal.focusing import focus
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.raw.raw_data import RawData
@@ -53,7 +54,7 @@ def amplitude(image: SarImage) -> C128:
     :math:`4 \pi |q - A| / \lambda` to the mid-aperture position A is taken out.
     """
     area = image.azimuth_resolution_cell * image.range_resolution_cell / np.sin(image.incidence_angle)
-    values = image.total().astype(np.complex128) / np.sqrt(area * 10.0 ** (LEVEL_DB / 10.0))
+    values = image.total().astype(np.complex128) / np.sqrt(area * power_from_db(LEVEL_DB))
     grid = image.grid
     distance = np.hypot(grid.range[None, :], grid.azimuth[:, None])  # azimuth is measured from mid-aperture
     values = values * np.exp(-4j * np.pi / image.wavelength * distance)

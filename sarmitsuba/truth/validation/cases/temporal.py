@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from sarmitsuba.analysis.interferometry import Interferogram
+from sarmitsuba.core.constants import power_from_db
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry
 from sarmitsuba.truth.validation.comparison import Case, Comparison
@@ -184,7 +185,7 @@ def wall_over_field(quick: bool = False) -> Case:
         over = strip & (near > 0.1 * deep) & (near < 0.9 * deep)
         alone = strip & (near > 1.2 * deep) & (near < 1.2 * deep + 15.0)
         # surface in a slant-range cell: of the wall 1 / cos, of the ground 1 / sin of the incidence angle
-        ratio = 10.0 ** (above / 10.0) * np.tan(setting.incidence)
+        ratio = power_from_db(above) * np.tan(setting.incidence)
         for where, coherence in ((over, (ratio + gamma) / (ratio + 1.0)), (alone, gamma)):
             powers = [float(power[where].sum()) for power in single.powers]
             looks = where.sum() * whole(pair).independent_looks / single.values.size

@@ -64,7 +64,7 @@ def prf_jitter(quick: bool = False) -> Case:
                 f"jitter {jitter:g}",
                 centers,
                 db_from_power(closed),
-                db_from_power(found),
+                db_from_power(np.asarray(found)),
                 tolerance=1.5 if quick else 1.2,
                 reason=f"Monte Carlo: {seeds} seeds of 32 offsets (one at the ghost)",
                 unit="dB",
