@@ -16,8 +16,8 @@ import stored
 from corrections import block_of
 from effects import load
 
-from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.timing import StageTimer
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.simulation.execution.pulses import AntennaStates
 from sarmitsuba.simulation.execution.run import Run

@@ -25,8 +25,8 @@ from sarmitsuba.analysis.point_quality import (
     windows_of,
 )
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.signal.focusing.windows import Window
 from sarmitsuba.signal.image import ImageGrid, SarImage, block_means
 from sarmitsuba.signal.metrics import equivalent_number_of_looks, windows_over

@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.core.arrays import C64, C128, F64, U8
-from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.signal.image import SarImage, block_means, sliding_means
 
 

@@ -34,7 +34,8 @@ from sarmitsuba.analysis.error_budget import BOUND, LAW, MEASURED, ErrorPart
 from sarmitsuba.analysis.image_quality import QualityReport
 from sarmitsuba.analysis.point_quality import PointQuality
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.machine.atomic import atomic_path
 from sarmitsuba.signal.focusing.comparison import FocuserResult
 from sarmitsuba.signal.image import SarImage, ShownAxes
