@@ -47,9 +47,8 @@ from sarmitsuba.view.quicklook import draw
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from sarmitsuba.view.figure import Figure
 
-
+_LETTER = 6.0  # mean width of a letter of the values, pixels
 _DPI = 100.0
 # screen pixels: of a bar, around the bars, and of the names
 _ROW, _TOP, _BOTTOM, _NAMES, _BARS, _VALUES, _LINE = 22, 34, 46, 124, 190, 350, 15
@@ -83,18 +82,21 @@ def account_figure(account: Account, title: str = "") -> Figure:
         line for text in account.advice for line in textwrap.wrap(text, _LETTERS, subsequent_indent="    ")
     ]
     foot = _BOTTOM + _LINE * len(notes)
-    width, height = 2 * (_NAMES + _BARS + _VALUES), _TOP + _ROW * rows + foot
+    likely = likely_total_db(account.parts)
+    longest = max((len(_value(part, _share(part, likely))) for part in account.parts), default=0)
+    starts = (0.0, _NAMES + _BARS + max(_VALUES, _LETTER * longest))
+    width, height = starts[1] + _NAMES + _BARS + _VALUES, _TOP + _ROW * rows + foot
     figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
     left, right = (
         figure.add_axes(
             (
-                (_NAMES + i * width / 2) / width,
+                (_NAMES + start) / width,
                 (foot + _ROW * (rows - n)) / height,
                 _BARS / width,
                 _ROW * n / height,
             )
         )
-        for i, n in enumerate((len(account.parts), len(stages)))
+        for start, n in zip(starts, (len(account.parts), len(stages)), strict=True)
     )
     _errors(left, account)
     _times(right, stages)
@@ -104,7 +106,11 @@ def account_figure(account: Account, title: str = "") -> Figure:
     figure.text(8 / width, 1 - 18 / height, f"{title}error by cause: {total}", fontsize=9, parse_math=False)
     elapsed = sum(stage[1] for stage in stages)
     figure.text(
-        0.5 + 8 / width, 1 - 18 / height, f"time by stage: {elapsed:.3g} s", fontsize=9, parse_math=False
+        (starts[1] + 8) / width,
+        1 - 18 / height,
+        f"time by stage: {elapsed:.3g} s",
+        fontsize=9,
+        parse_math=False,
     )
     for i, line in enumerate(reversed(notes)):
         figure.text(8 / width, (6 + _LINE * i) / height, line, fontsize=_SMALL, parse_math=False)
