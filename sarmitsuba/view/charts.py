@@ -1,4 +1,6 @@
-"""Bar charts of the account of an image: error by cause and seconds by stage.
+"""Charts: account of an image, error against time, curves against a reference, echoes, focusers, fits, responses.
+
+Bar charts of the account of an image: error by cause and seconds by stage.
 
 Plots of error against time.
 
