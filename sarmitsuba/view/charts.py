@@ -224,6 +224,42 @@ def cost_figure(
     return figure
 
 
+def depth_figure(
+    errors_db: Sequence[float], energies_db: Sequence[float], seconds: Sequence[float], title: str
+) -> Figure:
+    """Plot what each bounce adds to an image and what it costs, from the first bounce on.
+
+    Parameters
+    ----------
+    errors_db : of the image that ends at each bounce, against the deepest; not finite: no error, not drawn
+    energies_db : of the image of each bounce alone, over the deepest image; likewise
+    seconds : of a run that ends at each bounce; all NaN: not measured, and not drawn
+    title : of the plot
+    """
+    timed = np.isfinite(seconds).any()
+    figure = Figure(figsize=(10.0 if timed else 5.4, 4.2), dpi=100, layout="constrained")
+    panels = figure.subplots(1, 2 if timed else 1, squeeze=False)[0]
+    bounces = np.arange(1, len(errors_db) + 1)
+    for values, style, label in (
+        (errors_db, "o-", "error of the image that ends here"),
+        (energies_db, "s--", "energy of this bounce alone"),
+    ):
+        drawn = np.isfinite(values)
+        panels[0].plot(bounces[drawn], np.asarray(values)[drawn], style, ms=5, label=label)
+    panels[0].set_ylabel("dB of the deepest image's energy")
+    panels[0].legend(fontsize=_SMALL)
+    if timed:
+        panels[1].plot(bounces, seconds, "o-", color=_WALL, ms=5)
+        panels[1].set_ylabel("processor seconds, without compiling")
+        panels[1].set_ylim(0.0, 1.1 * float(np.nanmax(seconds)))
+    for axes in panels:
+        axes.set_xlabel("bounces traced")
+        axes.set_xticks(bounces)
+        axes.grid(alpha=0.3)
+    figure.suptitle(title, fontsize=10, parse_math=False)
+    return figure
+
+
 def save_figure(figure: "Figure", path: Path) -> None:
     """Write a PNG file, completely or not at all."""
     with atomic_path(path) as temporary:
@@ -452,7 +488,7 @@ def focusers_figure(results: Sequence[FocuserResult]) -> Figure:
     return figure
 
 
-# inches: width of the figure, of a picture with its axes, and height of title and colour bar, of the title alone
+# inches: width of the figure, height of one of three pictures, and height of title and colour bar, of the title alone
 _WIDTH, _PICTURE, _AROUND, _TITLE = 14.0, 4.2, 1.4, 0.5
 
 
@@ -465,7 +501,8 @@ def side_by_side(pictures: Sequence[tuple[str, SarImage, PictureOptions]], title
     """
     grid = pictures[0][1].grid
     ratio = grid.shape[0] * grid.azimuth_spacing / (grid.shape[1] * grid.range_spacing)
-    height = _AROUND + _PICTURE * float(np.clip(ratio, 0.3, 1.6)) + (_TITLE if title else 0.0)
+    picture = _PICTURE * 3.0 / max(len(pictures), 2)
+    height = _AROUND + picture * float(np.clip(ratio, 0.3, 1.6)) + (_TITLE if title else 0.0)
     room = (0.0, 0.0, 1.0, 1.0 - 0.5 * (_TITLE / height if title else 0.0))
     figure = Figure(figsize=(_WIDTH, height), dpi=100, layout=ConstrainedLayoutEngine(rect=room))
     for axes, (name, image, options) in zip(figure.subplots(1, len(pictures)), pictures, strict=True):
