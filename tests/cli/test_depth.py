@@ -20,7 +20,7 @@ def test_a_dihedral_is_its_second_bounce(tmp_path: Path, capsys: pytest.CaptureF
     assert rows[1]["energy_db"] == pytest.approx(0.0, abs=0.1)
     assert rows[1]["error_db"] < -50.0  # tol: waves that meet both edges and a face, -60 dB
     assert rows[2]["error_db"] is None
-    assert rows[0]["changed"] == 1.0 and rows[2]["changed"] == 0.0
+    assert rows[0]["changed"] == 1.0 and rows[2]["changed"] < 0.01
     assert all(row["seconds"] > 0.0 for row in rows)
     assert {path.name for path in tmp_path.glob("depth*")} == {
         "depth.json",
