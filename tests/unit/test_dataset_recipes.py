@@ -185,5 +185,5 @@ def test_the_page_has_every_parameter() -> None:
             default, meaning = listed[table.plugin, param.name]
             told = f"{param.default:g}" if isinstance(param.default, float) else str(param.default)
             given = [words.split()[0] for words in default.split(",") if words.split()]
-        assert (told.lower() in given) if told else not given, (table.plugin, param.name)
+            assert (told.lower() in given) if told else not given, (table.plugin, param.name)
             assert meaning == param.doc, (table.plugin, param.name)
