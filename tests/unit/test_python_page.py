@@ -10,7 +10,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 @pytest.mark.parametrize(
     ("name", "least"),
-    [("python", 5), pytest.param("analysis", 3, marks=pytest.mark.slow), ("rcs", 1), ("modes", 1)],
+    [("running", 5), pytest.param("analysis", 3, marks=pytest.mark.slow), ("rcs", 1), ("radar", 1)],
 )
 def test_the_code_of_the_page_runs(name: str, least: int) -> None:
     page = DOCS / f"{name}.md"
