@@ -20,7 +20,8 @@ from sarmitsuba.analysis.error_budget import (
     likely_effects_db,
     number,
 )
-from sarmitsuba.core.constants import RAY_ERROR_ORDER, db_from_amplitude, db_from_power, power_from_db
+from sarmitsuba.core.constants import RAY_ERROR_ORDER
+from sarmitsuba.core.units import db_from_amplitude, db_from_power, power_from_db
 from sarmitsuba.signal.focusing.comparison import Alternative
 from sarmitsuba.signal.image import SarImage
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sarmitsuba.core.constants import db_from_power, power_from_db
+from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.raw.gridding import gridding_kernel
@@ -122,9 +122,8 @@ def error_budget(image: SarImage) -> tuple[ErrorPart, ...]:
     Notes
     -----
     A witness (:class:`sarmitsuba.core.witness.Witness`) in the metadata takes the place of a law, which stays as
-    ``law_db``.
-    Effects left out are summed as independent energies; those without a bound are named. The error of the theory
-    is the energy of waves that metal sends and the run does not follow, by the laws of
+    ``law_db``. Effects left out are summed as independent energies; those without a bound are named. The error of the
+    theory is the energy of waves that metal sends and the run does not follow, by the laws of
     :mod:`sarmitsuba.effects.omitted_waves`; unknown for other surfaces, see docs/accuracy.md.
     """
     data = BudgetFacts(image.metadata)

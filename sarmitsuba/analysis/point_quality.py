@@ -13,8 +13,8 @@ import scipy
 
 from sarmitsuba.analysis.carrier import Carrier, Lobes
 from sarmitsuba.core.arrays import C64, C128
-from sarmitsuba.core.constants import db_from_power, power_from_db
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.signal.focusing.windows import Window, parse_window
 from sarmitsuba.signal.image import SarImage

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of, scene_record
-from sarmitsuba.core.constants import DEFAULT_WINDOW, db_from_power, power_from_db
+from sarmitsuba.core.constants import DEFAULT_WINDOW
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.timing import StageTimer
+from sarmitsuba.core.units import db_from_power, power_from_db
 
 if TYPE_CHECKING:
     from sarmitsuba.core.arrays import F64

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.units import db_from_power
 
 # dB above what a law foretold from which a run says so
 CONTRADICTION_DB = 3.0

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from sarmitsuba.core.arrays import F64, box_corners
-from sarmitsuba.core.constants import amplitude_from_db, db_from_power, power_from_db
+from sarmitsuba.core.units import amplitude_from_db, db_from_power, power_from_db
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.effects.slabs_between import seen_through
 from sarmitsuba.scene.materials.map_materials import with_parts

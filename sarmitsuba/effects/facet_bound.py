@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.context import PilotResult, SceneContext
 from sarmitsuba.scene.materials.diffuse import diffuse_tables
 from sarmitsuba.scene.materials.map_materials import with_parts

@@ -13,7 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C128, F64, I64, unit_rows
-from sarmitsuba.core.constants import db_from_amplitude
+from sarmitsuba.core.units import db_from_amplitude
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.effects.omitted_waves import polarisation_vectors
 from sarmitsuba.radar.polarisation import linear_parts

@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C128, F64
-from sarmitsuba.core.constants import power_from_db
+from sarmitsuba.core.units import power_from_db
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.effects.fold_sections import (
     Folds,

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sarmitsuba.core.arrays import F64, I32
-from sarmitsuba.core.constants import power_from_db
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.core.parameters import Param, ParamTable, Value, float_value, string_value
+from sarmitsuba.core.units import power_from_db
 from sarmitsuba.loading.elements import Element
 from sarmitsuba.loading.overrides import Overrides
 from sarmitsuba.loading.shapes import MeshReader, Placed

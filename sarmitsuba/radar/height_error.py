@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import db_from_amplitude
+from sarmitsuba.core.units import db_from_amplitude
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 

@@ -14,9 +14,9 @@ import numpy as np
 import scipy
 
 from sarmitsuba.core.arrays import F64, Samples
-from sarmitsuba.core.constants import db_from_power, power_from_db
 from sarmitsuba.core.errors import RadarError
 from sarmitsuba.core.registry import Registry
+from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.machine.regular_files import read_text
 
 # -3 dB half angle of sinc^2: sinc(pi u) = 1/sqrt(2) at u = 0.442946

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sarmitsuba.core.arrays import F64, I64
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.mesh.smooth_surface import facet_sagitta, smooth_surface

@@ -1,4 +1,6 @@
-"""Focused complex image and its pixel grid.
+"""Focused complex image: pixel grid, bounds, shown axes, averages, radiometric quantities.
+
+Focused complex image and its pixel grid.
 
 Bounds of an image's grid and calibration, checked for every file before use.
 
@@ -19,10 +21,10 @@ import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C64, F64
-from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.parameters import did_you_mean, one_line
 from sarmitsuba.core.registry import late, png_of
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.validity import check_anchor, check_bounds
 from sarmitsuba.signal.raw.raw_data import Layer, channels_of, sum_of_channel

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.core.arrays import C128, F64
-from sarmitsuba.core.constants import db_from_amplitude, db_from_power
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.units import db_from_amplitude, db_from_power
 from sarmitsuba.signal.image import SarImage
 
 # samples of a cut per pixel

@@ -109,15 +109,14 @@ def test_rays_go_through_the_guard_of_directions(house: Any) -> None:
 
 
 def test_decibels_have_one_home(house: Any) -> None:
-    """``core.constants`` converts; closed forms, which share no code with what they check, may too."""
+    """``core.units`` converts; closed forms, which share no code with what they check, may too."""
     by_hand = re.compile(
         r"\b[12]0(\.0)? \* (float\()?(np|math)\.log10\(|\b10(\.0)? \*\* \((0\.0?[15] \*|.+ / [12]0(\.0)?\)$)"
     )
     wrong = [
         f"{module.where}:{node.lineno} {ast.unparse(node)}"
         for module in house
-        if module.name != "sarmitsuba.core.constants"
-        and not module.name.startswith("sarmitsuba.truth.theory")
+        if module.name != "sarmitsuba.core.units" and not module.name.startswith("sarmitsuba.truth.theory")
         for node in ast.walk(module.tree)
         if isinstance(node, ast.BinOp) and by_hand.match(ast.unparse(node))
     ]

@@ -6,7 +6,7 @@ import scipy.constants
 
 from sarmitsuba.core import constants
 from sarmitsuba.core.arrays import sum_energies, sum_energy, unit_rows
-from sarmitsuba.core.constants import amplitude_from_db, db_from_amplitude, db_from_power, power_from_db
+from sarmitsuba.core.units import amplitude_from_db, db_from_amplitude, db_from_power, power_from_db
 
 
 def test_physical_constants_are_those_of_codata() -> None:

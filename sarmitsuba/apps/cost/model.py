@@ -8,7 +8,7 @@ import numpy as np
 
 from sarmitsuba.apps.cost.report import Candidate, ProofRun
 from sarmitsuba.apps.cost.trials import Changes, Value
-from sarmitsuba.core.constants import db_from_power, power_from_db
+from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.simulation.planning.sampling.density_plan import RaySpacings
 
 # error that counts as zero: float32 rounding and the error of the reference

@@ -11,7 +11,7 @@ import numpy as np
 
 from sarmitsuba.apps.cost.trials import Changes, Trials, TrialSetting
 from sarmitsuba.core.arrays import C64, C128, sum_energy
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.simulation.planning.sampling.density_plan import RaySpacings

@@ -36,9 +36,9 @@ from sarmitsuba.apps.cost.sweeps import (
     whole_stages,
 )
 from sarmitsuba.apps.cost.trials import Changes, Trial, Trials, TrialSetting
-from sarmitsuba.core.constants import db_from_power, power_from_db
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.progress import Progress, silent
+from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import default_grid

@@ -8,8 +8,8 @@ import numpy as np
 from sarmitsuba.apps.cost.model import AFFECTS, FLOOR_DB, CostModel
 from sarmitsuba.apps.cost.report import SPARE_DB, Reference, Row
 from sarmitsuba.apps.cost.trials import Trial, Trials, TrialSetting, Value
-from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import SarmitsubaError
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import default_grid

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C64
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.machine.atomic import atomic_path
 
 # share of the pixels that are as bright as the brightest

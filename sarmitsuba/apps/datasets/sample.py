@@ -12,7 +12,6 @@ from sarmitsuba.apps.datasets.draw import Drawer, DrawnSample, aspect_deg
 from sarmitsuba.apps.datasets.recipe import RecipeError
 from sarmitsuba.apps.datasets.sample_labels import OF_SHAPES, SampleLabels, corner_boxes, sample_labels
 from sarmitsuba.core.arrays import C64, F64
-from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import (
     BackendError,
     DataError,
@@ -23,6 +22,7 @@ from sarmitsuba.core.errors import (
     SarmitsubaWarning,
 )
 from sarmitsuba.core.parameters import Value
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.machine.exclusive import single_threaded
 from sarmitsuba.signal.image import SarImage

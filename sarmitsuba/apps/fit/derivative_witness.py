@@ -25,8 +25,8 @@ from sarmitsuba.apps.fit.material_parameters import MaterialProperty, material_o
 from sarmitsuba.apps.fit.parameter import Parameter
 from sarmitsuba.apps.fit.radar_parameters import BeamPointing, ClockOffset
 from sarmitsuba.core.arrays import C64, C128, F64
-from sarmitsuba.core.constants import db_from_amplitude
 from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.core.units import db_from_amplitude
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.tracing.derivatives.tangents import Displacement

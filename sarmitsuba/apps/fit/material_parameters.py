@@ -9,8 +9,8 @@ import numpy as np
 
 from sarmitsuba.apps.fit.parameter import Derivatives, Parameter, Step, quoted
 from sarmitsuba.core.arrays import C64, F64
-from sarmitsuba.core.constants import db_from_power, power_from_db
 from sarmitsuba.core.errors import SceneError
+from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.scene.materials.diffuse_law import LAWS
 from sarmitsuba.scene.materials.map_materials import with_parts
 

@@ -15,8 +15,8 @@ from sarmitsuba.apps.fit.forward_model import ForwardModel
 from sarmitsuba.apps.fit.jacobian import Parameters, parameters_of
 from sarmitsuba.apps.fit.least_squares import Samples
 from sarmitsuba.core.arrays import C64
-from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import DataError, SarmitsubaWarning, SceneError
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.receiver import moving_in_pulse
 from sarmitsuba.scene.scene import Scene, SceneLike

@@ -9,8 +9,9 @@ import numpy as np
 
 from sarmitsuba.apps.fit.parameter import AXES, Derivatives, Parameter
 from sarmitsuba.core.arrays import C64, F64, I64
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, power_from_db
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import RadarError, SceneError
+from sarmitsuba.core.units import power_from_db
 from sarmitsuba.radar.track_errors import turned
 from sarmitsuba.tracing.derivatives.tangents import PER_DB, Displacement
 

@@ -5,8 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import SceneError
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.context import PilotResult, SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.facet_bound import facet_bound, flash_bound, mean_clutter, specular_db

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C128, F64, unit_rows
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.context import CELL_BELOW_CLUTTER_DB, SceneContext
 from sarmitsuba.effects.edge_bound import Aperture, EdgeBounds, edge_bounds
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect

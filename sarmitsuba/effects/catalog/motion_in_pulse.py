@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_amplitude
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.units import db_from_amplitude
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.text import length

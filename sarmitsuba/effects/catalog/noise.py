@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.core.constants import BOLTZMANN, db_from_power
+from sarmitsuba.core.constants import BOLTZMANN
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.scene.scene import Scene

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from sarmitsuba.core.constants import db_from_amplitude
+from sarmitsuba.core.units import db_from_amplitude
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sarmitsuba.core.arrays import C128, F64
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_amplitude
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.units import db_from_amplitude
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.facet_bound import angles_known, facet_bound, specular_db

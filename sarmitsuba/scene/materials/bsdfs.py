@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.core.parameters import Value, float_value, string_value
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.scene.materials.change import change_of
 from sarmitsuba.scene.materials.diffuse_law import LAWS, DiffuseLaw, law_parameters
 from sarmitsuba.scene.materials.material import Dispersion, Material

@@ -3,7 +3,8 @@
 import math
 from dataclasses import replace
 
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.scene.materials.diffuse_law import LAWS
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.materials.named_materials import MATERIALS, Typical
@@ -74,7 +75,7 @@ def typical_surface(kind: str, frequency: float, rms_height: float = ORDINARY_RM
     References
     ----------
     Barton, Land clutter models for radar design and analysis, Proc. IEEE 73 (2) 1985 (frequency dependence); see
-    docs/clutter.md for the levels.
+    docs/materials.md for the levels.
     """
     typical = typical_of(kind)
     if rms_height == 0.0 or typical.smooth:

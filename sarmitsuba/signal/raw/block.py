@@ -12,13 +12,8 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C64, F64, unit_rows
-from sarmitsuba.core.constants import (
-    SPEED_OF_LIGHT,
-    amplitude_from_db,
-    db_from_amplitude,
-    db_from_power,
-    power_from_db,
-)
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.units import amplitude_from_db, db_from_amplitude, db_from_power, power_from_db
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track

@@ -14,7 +14,8 @@ from itertools import pairwise
 import numpy as np
 
 from sarmitsuba.core.arrays import C64, sum_energy
-from sarmitsuba.core.constants import SUBSET_SHARES, db_from_power, power_from_db
+from sarmitsuba.core.constants import SUBSET_SHARES
+from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.signal.raw.raw_data import Layer
 from sarmitsuba.simulation.execution.batches import Batch, BatchTracer, Traced

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C128, F64, unit_rows
-from sarmitsuba.core.constants import power_from_db
 from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.core.units import power_from_db
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.fold_sections import Folds, find_folds
 from sarmitsuba.effects.omitted_waves import SimulatedWaves

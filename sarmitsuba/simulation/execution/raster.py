@@ -9,8 +9,8 @@ import numpy as np
 import scipy.fft
 
 from sarmitsuba.core.arrays import C64, F32, F64
-from sarmitsuba.core.constants import amplitude_from_db
 from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.core.units import amplitude_from_db
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.machine.backend import device_array, dr, mi
 from sarmitsuba.radar.polarisation import linear_parts

@@ -14,8 +14,8 @@ import numpy as np
 import scipy
 
 from sarmitsuba.core.arrays import C64, F64
-from sarmitsuba.core.constants import db_from_power, power_from_db
 from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.core.witness import USELESS_DB, Witness
 from sarmitsuba.simulation.planning.sampling.chains import every_nth, halved
 from sarmitsuba.tracing.kernel.launch import LaunchGrid

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.core.arrays import C128, F64, all_finite, unit_rows
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.core.progress import Progress, silent
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.machine.backend import dr

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.core.arrays import C128, F64, all_finite
-from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import RadarError, ResourceError
 from sarmitsuba.core.progress import Progress
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.omitted_waves import polarisation_vectors

@@ -21,7 +21,7 @@ from sarmitsuba.simulation.execution.statistics import TraceStatistics
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.planning.sources.kind import sources_of
 from sarmitsuba.simulation.planning.sources.site import RunSite
-from sarmitsuba.tracing.derivatives.path_derivatives import differentiate
+from sarmitsuba.tracing.derivatives.path_derivatives import differentiate, record_beside
 from sarmitsuba.tracing.derivatives.tangents import TangentPlan
 from sarmitsuba.tracing.kernel.accumulators import BlockAccumulator, DirectAccumulator, GridAccumulator
 from sarmitsuba.tracing.kernel.kernel import Accumulator, KernelSettings
@@ -172,7 +172,7 @@ class Tracer:
         antenna = self.sampling.scene.radar.antenna
         kernel = self.kernel_of(launch.part.grid, states, accumulator)
         accumulator.before(launch, kernel.pulses.n_pulses)
-        counts, state = launch.record(kernel, antenna, kernel.derivatives.record_beside(accumulator))
+        counts, state = launch.record(kernel, antenna, record_beside(kernel, accumulator))
         dr.eval(counts.hits, counts.contributions, state, accumulator.written)
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]
         # in NumPy: sums by Dr.Jit differ in the last bits with the number of threads

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C128, F64
-from sarmitsuba.core.constants import db_from_amplitude, db_from_power, power_from_db
 from sarmitsuba.core.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.core.progress import Progress, silent
+from sarmitsuba.core.units import db_from_amplitude, db_from_power, power_from_db
 from sarmitsuba.effects.catalog.full_wave import FULL_WAVE
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import plan_effects, without_switch

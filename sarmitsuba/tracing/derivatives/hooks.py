@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from sarmitsuba.tracing.derivatives.tangents import KernelDerivatives
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
@@ -15,10 +17,6 @@ if TYPE_CHECKING:
     from sarmitsuba.radar.antenna import Antenna
     from sarmitsuba.tracing.derivatives.leg_tangents import Shift
     from sarmitsuba.tracing.derivatives.tangents import Carried, EchoDerivative, PatchDerivative
-    from sarmitsuba.tracing.kernel.accumulators import GridAccumulator
-    from sarmitsuba.tracing.kernel.closing import Receiver, TubeReturn
-    from sarmitsuba.tracing.kernel.diffuse_return import DiffuseReturns
-    from sarmitsuba.tracing.kernel.kernel import Accumulator
     from sarmitsuba.tracing.kernel.leg import Leg
     from sarmitsuba.tracing.kernel.state import (
         Closing,
@@ -28,12 +26,14 @@ if TYPE_CHECKING:
         Lane,
         LaunchPlace,
         RayState,
+        Receiver,
         TubeFootprint,
+        TubeReturn,
     )
     from sarmitsuba.tracing.kernel.tubes.integral_rates import Rate
 
 
-class Derivatives:
+class Derivatives(KernelDerivatives):
     """Derivatives that a kernel carries along its paths: none.
 
     Attributes
@@ -106,19 +106,37 @@ class Derivatives:
         return None
 
     def at_place(
-        self, returns: DiffuseReturns, offset: mi.Vector3f, active: mi.Bool
+        self,
+        kernel: Kernel,
+        lane: Lane,
+        ray: RayState,
+        hit: Hit,
+        receive: Receiver,
+        patch: PatchDerivative | None,
+        offset: mi.Vector3f,
+        active: mi.Bool,
     ) -> PatchDerivative | None:
         """The same at one scatterer, ``offset`` (m) from the triangle's vertex 0 at rest."""
         return None
 
     def at_scatterer(
-        self, returns: DiffuseReturns, centre: mi.Vector3d, random: list[mi.Complex2f]
+        self,
+        kernel: Kernel,
+        lane: Lane,
+        ray: RayState,
+        hit: Hit,
+        patch: PatchDerivative | None,
+        weights: tuple[mi.Float, mi.Float | None],
+        centre: mi.Vector3d,
+        random: list[mi.Complex2f],
     ) -> tuple[EchoDerivative | None, EchoDerivative | None]:
         """Derivatives of the echoes of a diffuse scatterer: straight to the antenna, and back through the mirrors.
 
         Parameters
         ----------
-        returns : of the hit, at the scatterer
+        hit : with the material at the scatterer
+        patch : of :meth:`at_patch` or :meth:`at_place`
+        weights : amplitude factors of both echoes; None without paths back through the mirrors
         centre : float64, m, of the scatterer
         random : its random numbers
         """
@@ -143,9 +161,11 @@ class Derivatives:
         """
         return echo
 
-    def record_beside(self, accumulator: GridAccumulator) -> Accumulator:
-        """Accumulator that adds the derivatives of echoes beside the echoes, or to a gradient."""
-        return accumulator
-
 
 NO_DERIVATIVES = Derivatives()
+
+
+def derivatives_of(kernel: Kernel) -> Derivatives:
+    """Hooks of a kernel; without parameters they do nothing."""
+    found = kernel.derivatives
+    return found if isinstance(found, Derivatives) else NO_DERIVATIVES

@@ -42,10 +42,8 @@ if TYPE_CHECKING:
 
     from sarmitsuba.radar.antenna import Antenna
     from sarmitsuba.tracing.derivatives.leg_tangents import Shift
-    from sarmitsuba.tracing.derivatives.tangents import Carried, EchoDerivative, TangentPlan
+    from sarmitsuba.tracing.derivatives.tangents import Carried, EchoDerivative, TangentPlan, Terms
     from sarmitsuba.tracing.kernel.accumulators import GridAccumulator
-    from sarmitsuba.tracing.kernel.closing import Receiver, TubeReturn
-    from sarmitsuba.tracing.kernel.diffuse_return import DiffuseReturns, Terms
     from sarmitsuba.tracing.kernel.kernel import Accumulator
     from sarmitsuba.tracing.kernel.leg import Leg
     from sarmitsuba.tracing.kernel.scene_tables import TraceScene
@@ -57,7 +55,9 @@ if TYPE_CHECKING:
         Lane,
         LaunchPlace,
         RayState,
+        Receiver,
         TubeFootprint,
+        TubeReturn,
     )
     from sarmitsuba.tracing.kernel.tubes.integral_rates import Rate
 
@@ -236,24 +236,39 @@ class PathDerivatives(Derivatives):
             )
         )
 
-    def at_place(self, returns: DiffuseReturns, offset: mi.Vector3f, active: mi.Bool) -> PatchDerivative:
+    def at_place(
+        self,
+        kernel: Kernel,
+        lane: Lane,
+        ray: RayState,
+        hit: Hit,
+        receive: Receiver,
+        patch: PatchDerivative | None,
+        offset: mi.Vector3f,
+        active: mi.Bool,
+    ) -> PatchDerivative:
         """With the shares of the texels, and the terms of the material at the scatterer."""
-        kernel, hit, found = returns.kernel, returns.hit, returns.derivative
-        surfaces = kernel.scene.surfaces
+        surfaces, found = kernel.scene.surfaces, patch
         assert surfaces is not None and found is not None
         if surfaces.classes is not None:
-            found = self.at_patch(kernel, returns.lane, returns.ray, hit, returns.receive)
+            found = self.at_patch(kernel, lane, ray, hit, receive)
         if self.carried.mapped and surfaces.levels is not None:
             own = hit.own_material & MATERIAL_MASK
             found = replace(found, texels=surfaces.levels.shares(hit.face, own, offset, active))
         return found
 
     def at_scatterer(
-        self, returns: DiffuseReturns, centre: mi.Vector3d, random: list[mi.Complex2f]
+        self,
+        kernel: Kernel,
+        lane: Lane,
+        ray: RayState,
+        hit: Hit,
+        patch: PatchDerivative | None,
+        weights: tuple[mi.Float, mi.Float | None],
+        centre: mi.Vector3d,
+        random: list[mi.Complex2f],
     ) -> tuple[EchoDerivative, EchoDerivative]:
         """By all parameters."""
-        kernel, lane, ray, hit = returns.kernel, returns.lane, returns.ray, returns.hit
-        patch = returns.derivative
         assert patch is not None
         if self.carried.beside_edges:
             straight, back = edge_tangents.of_scatterer(self.carried, lane, ray, hit, centre)
@@ -267,19 +282,19 @@ class PathDerivatives(Derivatives):
         out_rates = None if lane.derivative is None else lane.derivative.beam_rates
         straight = replace(
             straight,
-            amplitudes=amplitudes((terms for terms, _ in patch.terms), returns.straight_weight),
+            amplitudes=amplitudes((terms for terms, _ in patch.terms), weights[0]),
             gains=_straight_gains(lane, hit),
             material=hit.material & MATERIAL_MASK,
             slots=self.carried.slots,
             texels=patch.texels,
         )
-        if returns.reciprocal is None:
+        if weights[1] is None:
             return straight, straight
         return straight, replace(
             straight,
             ranges=back.ranges,
             rates=back.rates,
-            amplitudes=amplitudes((terms or [] for _, terms in patch.terms), returns.reciprocal_weight),
+            amplitudes=amplitudes((terms or [] for _, terms in patch.terms), weights[1]),
             gains=None if out_rates is None else tuple(2.0 * x for x in out_rates),
         )
 
@@ -297,10 +312,6 @@ class PathDerivatives(Derivatives):
         derivative = of_legs(self.carried, kernel, antenna, echo.pulse, legs, moved, materials)
         none = (mi.Complex2f(0.0),) * (len(self.per_unit) * len(echo.amplitudes))
         return replace(echo, derivative=replace(derivative, amplitudes=none or None))
-
-    def record_beside(self, accumulator: GridAccumulator) -> Accumulator:
-        """See the base class."""
-        return recording(self.carried, accumulator)
 
     def _rays(self, ray: RayState) -> list[RayState]:
         """The ray with the fields of every variant."""
@@ -334,6 +345,12 @@ class PathDerivatives(Derivatives):
                 changes = [change * metres for change in changes]
             out += changes
         return tuple(out) or None
+
+
+def record_beside(kernel: Kernel, accumulator: GridAccumulator) -> Accumulator:
+    """Accumulator that adds the derivatives of echoes beside them, or to a gradient; itself without parameters."""
+    found = kernel.derivatives
+    return recording(found.carried, accumulator) if isinstance(found, PathDerivatives) else accumulator
 
 
 def _straight_gains(lane: Lane, hit: Hit) -> tuple[mi.Float, ...] | None:

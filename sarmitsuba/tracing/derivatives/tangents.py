@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +29,12 @@ from sarmitsuba.tracing.scatterers.edges.edge_state import EdgeState  # at run t
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sarmitsuba.tracing.kernel.diffuse_return import Terms
     from sarmitsuba.tracing.kernel.scene_tables import TraceScene
     from sarmitsuba.tracing.scatterers.edges.edge_state import EdgeLane
 
 Number = TypeVar("Number")
+# per channel, values of the fixed tensors of a diffuse scatterer
+Terms: TypeAlias = "list[list[mi.Complex2f]]"
 
 # parameters of one kind that one launch carries at most: bits of a table entry
 MOST = 32
@@ -78,6 +79,10 @@ class StepTables:
     below: TraceScene
     above: TraceScene
     per_unit: float
+
+
+class KernelDerivatives:
+    """Derivatives that a kernel carries: its hooks are in :mod:`sarmitsuba.tracing.derivatives.hooks`."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
 
 from sarmitsuba.machine.backend import dr, mi
-from sarmitsuba.tracing.derivatives.tangents import (
-    EchoDerivative,
-)
+from sarmitsuba.tracing.derivatives.hooks import derivatives_of
+from sarmitsuba.tracing.derivatives.tangents import EchoDerivative
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.leg import Surroundings, antenna_basis
 from sarmitsuba.tracing.kernel.stage import closed as by_stages
@@ -22,27 +20,16 @@ from sarmitsuba.tracing.kernel.state import (
     Kernel,
     Lane,
     RayState,
+    Receiver,
+    Receiving,
     Reflection,
     TubeFootprint,
+    TubeReturn,
 )
 from sarmitsuba.tracing.scatterers.corners.metal_corners import both_chains, corner_share
 
-if TYPE_CHECKING:
-    from sarmitsuba.tracing.derivatives.hooks import Derivatives
-
 # amplitude of a tube's return relative to that of the whole tube in phase, down to which it is added
 NEGLIGIBLE = 1e-10
-
-# a receiving vector: real, or complex behind slabs and volumes
-Receiving: TypeAlias = "mi.Vector3f | field.ComplexVector"
-
-
-@dataclass(frozen=True, eq=False)
-class Receiver:
-    """Receiving polarisations (by letter) and one-way gain in the direction from a hit to the antenna."""
-
-    basis: dict[str, Receiving]
-    gain: mi.Float
 
 
 def receiver(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> tuple[Receiver, Lane, Hit]:
@@ -76,35 +63,6 @@ def _along(q: Receiving, value: Callable[[mi.Vector3f], mi.Complex2f]) -> mi.Com
     if not isinstance(q, tuple):
         return value(q)
     return value(q[0]) + mi.Complex2f(0.0, 1.0) * value(q[1])
-
-
-@dataclass  # not frozen: result of a branch, which Dr.Jit writes to
-class TubeReturn:
-    """Coherent return of a tube at a hit, before polarisation.
-
-    Parameters
-    ----------
-    counts : lanes in which it is not negligible
-    weight : 1/m^2 times the lit area and the radar's amplitude constant, with the integral of the phase
-    slant_range, range_rate : float64, m and m/s, of the echo
-    point : float64, m, scene frame, phase centre
-    derivative : of slant range and range rate; None without parameters
-    """
-
-    counts: mi.Bool
-    weight: mi.Complex2f
-    slant_range: mi.Float64
-    range_rate: mi.Float64
-    point: mi.Vector3d
-    derivative: EchoDerivative | None = None
-
-    @staticmethod
-    def none(derivatives: Derivatives) -> TubeReturn:
-        """No return."""
-        # opaque: Dr.Jit merges equal literals of two branches, and then finds none of them in scope
-        zero, weight = mi.Float64(0.0), dr.opaque(mi.Float, 0.0)
-        none, nowhere = mi.Complex2f(weight, weight), mi.Vector3d(0.0)
-        return TubeReturn(mi.Bool(False), none, zero, zero, nowhere, derivatives.without_return())
 
 
 def tube_return(
@@ -155,7 +113,7 @@ def tube_return(
         weight *= turned
     # a value that is not a number counts, so that it is found; a sum, as squares of weights below 1e-19 are zero
     counts = ~(dr.abs(weight.real) + dr.abs(weight.imag) <= NEGLIGIBLE * dr.abs(whole))
-    derivative = kernel.derivatives.at_closing(kernel, lane, ray, hit, tube_here, found)
+    derivative = derivatives_of(kernel).at_closing(kernel, lane, ray, hit, tube_here, found)
     return TubeReturn(counts, weight, found.slant_range, found.range_rate, found.point, derivative)
 
 
@@ -190,7 +148,7 @@ def close_coherent(
         active=returned.counts,
         point=returned.point,
     )
-    return kernel.derivatives.at_coherent_echo(kernel, lane, ray, hit, receive, returned, echo)
+    return derivatives_of(kernel).at_coherent_echo(kernel, lane, ray, hit, receive, returned, echo)
 
 
 def coherent_amplitudes(

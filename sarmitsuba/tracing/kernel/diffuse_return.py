@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 from sarmitsuba.machine.backend import dr, mi
+from sarmitsuba.tracing.derivatives.hooks import derivatives_of
 from sarmitsuba.tracing.kernel import field
-from sarmitsuba.tracing.kernel.closing import Receiver, Receiving, selected
+from sarmitsuba.tracing.kernel.closing import selected
 from sarmitsuba.tracing.kernel.scattering_matrix import ScatteringMatrix, speckle_coefficients
 from sarmitsuba.tracing.kernel.scene_tables import MATERIAL_MASK
 from sarmitsuba.tracing.kernel.speckle import Node, ScattererLattice, cell_on, thinned
@@ -20,6 +21,8 @@ from sarmitsuba.tracing.kernel.state import (
     Kernel,
     Lane,
     RayState,
+    Receiver,
+    Receiving,
     TubeFootprint,
 )
 from sarmitsuba.tracing.kernel.table_rows import MaterialRow
@@ -28,7 +31,7 @@ from sarmitsuba.tracing.scatterers.water.wind_waves import WaterTables
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
-    from sarmitsuba.tracing.derivatives.tangents import PatchDerivative
+    from sarmitsuba.tracing.derivatives.tangents import PatchDerivative, Terms
     from sarmitsuba.tracing.kernel.movement import Movement
 
 
@@ -157,7 +160,10 @@ class DiffuseReturns:
         length, length_back = dr.norm(leg), dr.norm(leg_back)
         rate_out = -dr.dot(leg, seen_from(movement, ray.virtual_velocity)) / length
         rate_back = dr.dot(leg_back, seen_from(movement, lane.velocity)) / length_back
-        changes = self.kernel.derivatives.at_scatterer(self, centre, random)
+        weights = self.straight_weight, None if self.reciprocal is None else self.reciprocal_weight
+        changes = derivatives_of(self.kernel).at_scatterer(
+            self.kernel, lane, ray, hit, self.derivative, weights, centre, random
+        )
         straight = Contribution(
             kind=mi.UInt32(DIFFUSE),
             order=hit.order,
@@ -225,7 +231,9 @@ class DiffuseReturns:
             out,
             straight_weight=self.straight_weight * factor,
             reciprocal_weight=self.reciprocal_weight * factor,
-            derivative=kernel.derivatives.at_place(out, offset, active),
+            derivative=derivatives_of(kernel).at_place(
+                kernel, self.lane, self.ray, hit, self.receive, self.derivative, offset, active
+            ),
         )
 
     def _reversed(
@@ -316,11 +324,8 @@ def close_diffuse(
         reciprocal_weight=weight * tube_here.loss_reciprocal,
         receive=receive,
         age=Age.of(kernel, kernel.scene.change_table, hit.material & MATERIAL_MASK),
-        derivative=kernel.derivatives.at_patch(kernel, lane, ray, hit, receive),
+        derivative=derivatives_of(kernel).at_patch(kernel, lane, ray, hit, receive),
     )
-
-
-Terms: TypeAlias = "list[list[mi.Complex2f]]"
 
 
 def diffuse_terms(

@@ -17,7 +17,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Protocol, TypeVar, runtime_checkable
 
 from sarmitsuba.machine.backend import dr, mi
-from sarmitsuba.tracing.kernel.closing import TubeReturn, close_coherent, receiver, selected, tube_return
+from sarmitsuba.tracing.derivatives.hooks import derivatives_of
+from sarmitsuba.tracing.kernel.closing import close_coherent, receiver, selected, tube_return
 from sarmitsuba.tracing.kernel.diffuse_return import DiffuseReturns, Slot, close_diffuse
 from sarmitsuba.tracing.kernel.propagation import (
     arrive,
@@ -39,6 +40,7 @@ from sarmitsuba.tracing.kernel.state import (
     KernelSettings,
     Lane,
     RayState,
+    TubeReturn,
 )
 from sarmitsuba.tracing.scatterers.slabs.slab_passage import Waiting, branched
 
@@ -165,7 +167,7 @@ def _bounce(
     flags = kernel.flags
     hit = arrive(kernel, lane, ray, found)
     there = by_stages(kernel, lane, through_passages(kernel, ray, hit), hit)
-    kernel, ray, hit = kernel.derivatives.at_hit(kernel, lane, past_foci(there, hit), hit)
+    kernel, ray, hit = derivatives_of(kernel).at_hit(kernel, lane, past_foci(there, hit), hit)
     tube_here = footprint(kernel, lane, ray, hit)
     if tube_here.lost is not None:
         hit = hit.without(tube_here.lost)
@@ -180,13 +182,13 @@ def _bounce(
         returned = _only_where(
             hit.sees & ~vanishing(kernel, hit, tube_here),
             lambda: tube_return(kernel, lane, ray, hit, tube_here, receive),
-            partial(TubeReturn.none, kernel.derivatives),
+            lambda: TubeReturn.none(derivatives_of(kernel).without_return()),
         )
     coherent = partial(close_coherent, kernel, lane, ray, hit, reflection, receive)
     if flags.diffuse:
         first = None
         if flags.coherent:
-            zeros = kernel.derivatives.per_amplitude * tuple(mi.Complex2f(0.0) for _ in flags.channels)
+            zeros = derivatives_of(kernel).per_amplitude * tuple(mi.Complex2f(0.0) for _ in flags.channels)
             values = _only_where(returned.counts, lambda: coherent(returned).values, lambda: zeros)
             first = coherent(returned).with_values(values)
         diffuse = close_diffuse(kernel, lane, ray, hit, tube_here, receive)

@@ -9,6 +9,7 @@ import numpy as np
 
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.scene.mesh.boundary_edges import N_EDGES
+from sarmitsuba.tracing.derivatives.hooks import derivatives_of
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.antenna_weight import fade
 from sarmitsuba.tracing.kernel.device_arrays import device_array, vector_rows
@@ -124,7 +125,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         mirror=Mirror.none() if kernel.reversible else None,
     )
     state = launched(kernel, lane, state)
-    return kernel.derivatives.at_launch(
+    return derivatives_of(kernel).at_launch(
         kernel, lane, state, LaunchPlace(row, distance, (axis_x, axis_y), None if beams is None else beams[0])
     )
 
@@ -470,7 +471,7 @@ def reflect(
         crossed=ray.crossed,
         mirror=None if ray.mirror is None else mirror_at(kernel, hit),
     )
-    return kernel.derivatives.at_mirror(kernel, lane, ray, hit, tube_here, n64, out)
+    return derivatives_of(kernel).at_mirror(kernel, lane, ray, hit, tube_here, n64, out)
 
 
 def _curved_mirror(

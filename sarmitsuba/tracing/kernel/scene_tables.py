@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.core.arrays import F32, F64, I64, U32, unit_rows
-from sarmitsuba.core.constants import power_from_db
 from sarmitsuba.core.errors import SceneError
+from sarmitsuba.core.units import power_from_db
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.materials.diffuse import diffuse_tables, spectrum_table

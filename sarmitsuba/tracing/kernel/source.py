@@ -15,6 +15,7 @@ from functools import partial
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from sarmitsuba.machine.backend import dr, mi
+from sarmitsuba.tracing.derivatives.hooks import derivatives_of
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.closing import selected
 from sarmitsuba.tracing.kernel.intersector import leave_surface, query_ray
@@ -340,7 +341,7 @@ class PointSource:
             point=point,
         )
         shifts = partial(self.scatterers.shifts, kernel, index, out, home)
-        return kernel.derivatives.at_echo(kernel, antenna, echo, (out, home), shifts)
+        return derivatives_of(kernel).at_echo(kernel, antenna, echo, (out, home), shifts)
 
     @property
     def unknown(self) -> frozenset[str]:

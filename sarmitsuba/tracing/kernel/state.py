@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from sarmitsuba.machine.backend import dr, mi
-from sarmitsuba.tracing.derivatives.hooks import NO_DERIVATIVES, Derivatives
-from sarmitsuba.tracing.derivatives.tangents import EchoDerivative, RayDerivative  # as the next
+from sarmitsuba.tracing.derivatives.tangents import (  # as the next
+    EchoDerivative,
+    KernelDerivatives,
+    RayDerivative,
+)
 from sarmitsuba.tracing.kernel.field import ComplexVector
 from sarmitsuba.tracing.kernel.movement import ShadowBoundary  # as the next
 from sarmitsuba.tracing.kernel.tubes.tube import (
@@ -28,6 +31,8 @@ if TYPE_CHECKING:
     from sarmitsuba.tracing.kernel.tubes.polygon import Bounds
     from sarmitsuba.tracing.kernel.tubes.tube import Patch
 
+# a receiving vector: real, or complex behind slabs and volumes
+Receiving: TypeAlias = "mi.Vector3f | ComplexVector"
 # kinds of return, as numbers that a lane can carry
 COHERENT, DIFFUSE, RECIPROCAL = range(3)
 # reversed diffuse path to a separate receiver, and echo of a scatterer at a known position; 3: ideal point
@@ -138,7 +143,7 @@ class Constants:
 class Kernel:
     """Common inputs of all parts of one recorded kernel; its scene lacks the tables of effects that are off.
 
-    ``derivatives`` : hooks by which derivatives are carried along the paths; without parameters they do nothing
+    ``derivatives`` : carried along the paths, see :mod:`sarmitsuba.tracing.derivatives.hooks`; None without parameters
     """
 
     scene: TraceScene
@@ -146,7 +151,7 @@ class Kernel:
     pulses: PulseBatch
     flags: KernelFlags
     constants: Constants
-    derivatives: Derivatives = NO_DERIVATIVES
+    derivatives: KernelDerivatives | None = None
 
     @classmethod
     def of(
@@ -455,6 +460,43 @@ class Closing:
     velocity: mi.Vector3d
     virtual_velocity: mi.Vector3d
     changes: tuple[mi.Complex2f, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Receiver:
+    """Receiving polarisations (by letter) and one-way gain in the direction from a hit to the antenna."""
+
+    basis: dict[str, Receiving]
+    gain: mi.Float
+
+
+@dataclass  # not frozen: result of a branch, which Dr.Jit writes to
+class TubeReturn:
+    """Coherent return of a tube at a hit, before polarisation.
+
+    Parameters
+    ----------
+    counts : lanes in which it is not negligible
+    weight : 1/m^2 times the lit area and the radar's amplitude constant, with the integral of the phase
+    slant_range, range_rate : float64, m and m/s, of the echo
+    point : float64, m, scene frame, phase centre
+    derivative : of slant range and range rate; None without parameters
+    """
+
+    counts: mi.Bool
+    weight: mi.Complex2f
+    slant_range: mi.Float64
+    range_rate: mi.Float64
+    point: mi.Vector3d
+    derivative: EchoDerivative | None = None
+
+    @staticmethod
+    def none(derivative: EchoDerivative | None) -> TubeReturn:
+        """No return; ``derivative``: of none."""
+        # opaque: Dr.Jit merges equal literals of two branches, and then finds none of them in scope
+        zero, weight = mi.Float64(0.0), dr.opaque(mi.Float, 0.0)
+        none, nowhere = mi.Complex2f(weight, weight), mi.Vector3d(0.0)
+        return TubeReturn(mi.Bool(False), none, zero, zero, nowhere, derivative)
 
 
 @dataclass

@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 from scipy.special import fresnel
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.units import db_from_power
 
 
 def azimuth_displacement(slant_range: ArrayLike, range_speed: ArrayLike, speed: ArrayLike) -> F64:

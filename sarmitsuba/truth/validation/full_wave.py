@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from sarmitsuba.core.arrays import C128, F64
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_amplitude, db_from_power
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import OutputError
+from sarmitsuba.core.units import db_from_amplitude, db_from_power
 from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.simulation.execution.rcs import monostatic_rcs

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F32, F64, I32, I64, U8, unit_rows
-from sarmitsuba.core.constants import power_from_db
+from sarmitsuba.core.units import power_from_db
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.simulation.execution.path_table import PathTable, PathTracer, joined

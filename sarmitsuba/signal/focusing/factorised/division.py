@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import db_from_power, power_from_db
+from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.signal.focusing.factorised.sampling import SubimageSampling
 
 # processor seconds of one core: of a pulse at a sample, of a group merged into a sample, of the transforms of a

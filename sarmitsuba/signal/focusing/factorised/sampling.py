@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from sarmitsuba.core.arrays import F32, F64
-from sarmitsuba.core.constants import db_from_power, power_from_db
+from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.signal.raw.gridding import gridding_kernel
 
 TAPS = 8

@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, amplitude_from_db, db_from_amplitude
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.units import amplitude_from_db, db_from_amplitude
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import flight
 from sarmitsuba.signal.focusing.factorised.division import PIXEL_SECONDS, Plan, Section, SubimageLevel

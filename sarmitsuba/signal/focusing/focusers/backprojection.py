@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sarmitsuba.core.arrays import C64, C128, F64, LinearMap
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power, power_from_db
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.progress import Progress, silent
+from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import (
     beam_rounding,

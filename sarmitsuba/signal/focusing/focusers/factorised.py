@@ -9,8 +9,8 @@ from typing import ClassVar
 import numpy as np
 
 from sarmitsuba.core.arrays import C64, F32, LinearMap
-from sarmitsuba.core.constants import db_from_power, power_from_db
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import DARK, matched_weights

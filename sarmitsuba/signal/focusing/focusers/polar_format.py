@@ -9,8 +9,8 @@ import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.core.arrays import C64, C128, F64, I64, LinearMap
-from sarmitsuba.core.constants import db_from_power, power_from_db
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import (
     aperture_weights,

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.core.constants import db_from_power, power_from_db
+from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import weights_difference
 from sarmitsuba.signal.focusing.frequency_domain.aperture_filter import aperture_filter

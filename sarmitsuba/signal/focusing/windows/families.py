@@ -1,4 +1,6 @@
-"""Windows that are a constant and a cosine: rectangular, Hamming, Hann.
+"""Families of windows: cosine, Kaiser, Taylor.
+
+Windows that are a constant and a cosine: rectangular, Hamming, Hann.
 
 Kaiser window: nearly the largest energy in a main lobe of given width.
 
@@ -10,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import amplitude_from_db
+from sarmitsuba.core.units import amplitude_from_db
 from sarmitsuba.signal.focusing.windows.window import WINDOWS, WindowFamily, WindowParameter
 
 

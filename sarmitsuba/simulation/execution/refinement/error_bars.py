@@ -8,8 +8,9 @@ from typing import Literal
 import numpy as np
 
 from sarmitsuba.core.arrays import C64, F32, sum_energy
-from sarmitsuba.core.constants import SUBSET_SHARES, amplitude_from_db, db_from_power, power_from_db
+from sarmitsuba.core.constants import SUBSET_SHARES
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.units import amplitude_from_db, db_from_power, power_from_db
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.signal.image import SarImage, sliding_means
 from sarmitsuba.signal.raw.raw_data import Layer

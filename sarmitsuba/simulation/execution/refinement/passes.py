@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from sarmitsuba.core.arrays import C64
-from sarmitsuba.core.constants import DEFAULT_WINDOW, RAY_ERROR_ORDER, db_from_power, power_from_db
+from sarmitsuba.core.constants import DEFAULT_WINDOW, RAY_ERROR_ORDER
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.core.timing import Clock
+from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.scene.scene import Scene, SceneLike

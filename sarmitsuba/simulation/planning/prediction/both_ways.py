@@ -16,9 +16,10 @@ import numpy as np
 from scipy.special import stdtrit
 
 from sarmitsuba.core.arrays import C64, F64, sum_energies
-from sarmitsuba.core.constants import SUBSET_SHARES, db_from_power
+from sarmitsuba.core.constants import SUBSET_SHARES
 from sarmitsuba.core.errors import SarmitsubaError, SarmitsubaWarning
 from sarmitsuba.core.timing import Clock
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.effect import EFFECTS, Decision, Effect, effects
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.scene.scene import Scene

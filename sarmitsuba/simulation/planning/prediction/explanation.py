@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.plan import Decision, EffectsPlan
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.machine.memory import in_bytes

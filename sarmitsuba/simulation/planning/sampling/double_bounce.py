@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.special import fresnel
 
 from sarmitsuba.core.arrays import F64, box_of_each
-from sarmitsuba.core.constants import db_from_amplitude
+from sarmitsuba.core.units import db_from_amplitude
 from sarmitsuba.scene.scene import Scene
 
 # largest share of rays that ground in front of the image may add to a launch window

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F32, F64
-from sarmitsuba.core.constants import db_from_amplitude
+from sarmitsuba.core.units import db_from_amplitude
 from sarmitsuba.scene.mesh.metal_corners import MOST_RAYS as CORNER_RAYS
 from sarmitsuba.simulation.planning.sampling.small_lattice import (
     LONGEST,

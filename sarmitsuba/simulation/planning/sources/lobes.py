@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from sarmitsuba.core.arrays import C64, F64, unit_rows
-from sarmitsuba.core.constants import power_from_db
 from sarmitsuba.core.errors import ExtensionError
+from sarmitsuba.core.units import power_from_db
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.radar.polarisation import linear_parts
 from sarmitsuba.scene.scatterers import ScattererTarget, positions_of

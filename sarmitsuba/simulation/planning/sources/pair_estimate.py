@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C128, F64, box_of_each, boxes_meet
-from sarmitsuba.core.constants import power_from_db
+from sarmitsuba.core.units import power_from_db
 from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.machine.backend import dr, mi

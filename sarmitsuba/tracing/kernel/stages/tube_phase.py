@@ -7,6 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 from sarmitsuba.machine.backend import dr, mi
+from sarmitsuba.tracing.derivatives.hooks import derivatives_of
 from sarmitsuba.tracing.kernel.stage import STAGES, Stage
 from sarmitsuba.tracing.kernel.tubes import polygon
 from sarmitsuba.tracing.kernel.tubes.integral_rates import integral_with_rates
@@ -31,7 +32,7 @@ class TubeIntegral(Stage):
         """Coherent return of the tube at a hit."""
         constants, s = kernel.constants, hit.to_antenna
         wave = hit.direction - s
-        rates = kernel.derivatives.at_integral(kernel, ray, hit, tube)
+        rates = derivatives_of(kernel).at_integral(kernel, ray, hit, tube)
         integral, *place = polygon.phase_integral(
             -constants.wavenumber * wave,
             tube.u,

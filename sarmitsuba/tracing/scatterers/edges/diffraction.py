@@ -17,6 +17,7 @@ from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.mesh.sharp_edges import DIRECTIONS, SharpEdges, sharp_edges
 from sarmitsuba.scene.mesh.thin_rims import metal_edges
 from sarmitsuba.scene.visible_faces import VisibleFaces
+from sarmitsuba.tracing.derivatives.hooks import derivatives_of
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.intersector import intersector, leave_surface, query_ray
 from sarmitsuba.tracing.kernel.leg import Leg
@@ -298,7 +299,7 @@ class FringeCurrents(Scatterers):
         -----
         Ignores that the angles of the waves to the faces change.
         """
-        carried = kernel.derivatives.displacements
+        carried = derivatives_of(kernel).displacements
         if all(offset is None for offset in carried.offset):
             return ()
         first, second = (self._row(index, i) for i in range(2))

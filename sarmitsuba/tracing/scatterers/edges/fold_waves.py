@@ -11,6 +11,7 @@ import numpy as np
 from sarmitsuba.core.arrays import F64, unit_rows
 from sarmitsuba.effects.fold_sections import Folds, fold_grids
 from sarmitsuba.machine.backend import device_array, dr, mi
+from sarmitsuba.tracing.derivatives.hooks import derivatives_of
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.intersector import query_ray
 from sarmitsuba.tracing.kernel.leg import Leg
@@ -111,7 +112,7 @@ class FoldWaves(Scatterers):
         self, kernel: Kernel, index: mi.UInt32, incident: Leg, scattered: Leg
     ) -> Sequence[Shift | None]:
         """Velocities of the folds of shapes that are displaced as a whole; their waves are kept."""
-        carried = kernel.derivatives.displacements
+        carried = derivatives_of(kernel).displacements
         if all(offset is None for offset in carried.offset):
             return ()
         bisector = self._row(index, 0)

@@ -28,6 +28,7 @@ import numpy as np
 
 from sarmitsuba.machine.backend import device_array, dr, mi
 from sarmitsuba.radar.polarisation import linear_parts
+from sarmitsuba.tracing.derivatives.hooks import derivatives_of
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.antenna_weight import fade
 from sarmitsuba.tracing.kernel.diffuse_return import mixed
@@ -238,7 +239,7 @@ class PairSource:
             point=0.5 * (a.point + b.point),
         )
         materials = (a.material & MATERIAL_MASK, b.material & MATERIAL_MASK)
-        return kernel.derivatives.at_echo(kernel, antenna, echo, (out, home), materials=materials)
+        return derivatives_of(kernel).at_echo(kernel, antenna, echo, (out, home), materials=materials)
 
 
 def _rows(pairs: SurfacePairs) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 
 from sarmitsuba.core.arrays import C128, F64
-from sarmitsuba.core.constants import db_from_amplitude, db_from_power
+from sarmitsuba.core.units import db_from_amplitude, db_from_power
 from sarmitsuba.truth.validation import full_wave
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry
 from sarmitsuba.truth.validation.comparison import Case, Comparison

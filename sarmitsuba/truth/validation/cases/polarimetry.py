@@ -14,7 +14,7 @@ from sarmitsuba.analysis.polarimetry import (
     stokes,
 )
 from sarmitsuba.core.arrays import F64, unit_rows
-from sarmitsuba.core.constants import amplitude_from_db, db_from_power, power_from_db
+from sarmitsuba.core.units import amplitude_from_db, db_from_power, power_from_db
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.settings import TraceSettings

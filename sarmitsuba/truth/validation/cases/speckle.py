@@ -7,7 +7,7 @@ import scipy.fft
 from scipy.integrate import simpson
 
 from sarmitsuba.core.arrays import C128, F64
-from sarmitsuba.core.constants import power_from_db
+from sarmitsuba.core.units import power_from_db
 from sarmitsuba.signal.focusing import focus
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.raw.raw_data import RawData

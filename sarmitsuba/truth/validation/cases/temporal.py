@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from sarmitsuba.analysis.interferometry import Interferogram
-from sarmitsuba.core.constants import power_from_db
+from sarmitsuba.core.units import power_from_db
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry
 from sarmitsuba.truth.validation.comparison import Case, Comparison

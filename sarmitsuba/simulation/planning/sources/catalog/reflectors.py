@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sarmitsuba.core.constants import power_from_db
 from sarmitsuba.core.errors import ExtensionError
+from sarmitsuba.core.units import power_from_db
 from sarmitsuba.scene.scatterers import SCATTERERS, positions_of
 from sarmitsuba.simulation.planning.sources.kind import SOURCES, Expected, SourceKind, most_bounces
 from sarmitsuba.simulation.planning.sources.lobes import change_in_blocks
