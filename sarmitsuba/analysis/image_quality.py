@@ -1,4 +1,6 @@
-"""Report of image quality: points, areas, noise.
+"""Image quality: report of points, areas and noise; statistics of areas; spectral looks.
+
+Report of image quality: points, areas, noise.
 
 Quality of areas: speckle, contrast, entropy, and noise level.
 

@@ -1,4 +1,6 @@
-"""Link budget of a scene's radar, computed before tracing.
+"""Link budget of a scene's radar before tracing: signal, noise, timing, and findings.
+
+Link budget of a scene's radar, computed before tracing.
 
 Findings about impossible or unfavourable combinations of radar parameters, one line each.
 

@@ -1,4 +1,6 @@
-"""Diffuse law with constant sigma0.
+"""Simple diffuse laws: none, constant sigma0, constant gamma, Lambert.
+
+Diffuse law with constant sigma0.
 
 Diffuse law with constant gamma: sigma0 proportional to the cosine of incidence.
 

@@ -1,4 +1,6 @@
-"""Crown of a conifer, such as a spruce: needles in all directions, branches nearly horizontal.
+"""Crowns of conifers and broad-leaved trees, and hedges.
+
+Crown of a conifer, such as a spruce: needles in all directions, branches nearly horizontal.
 
 Sizes and densities are chosen within forestry data, none fitted to a radar measurement.
 
