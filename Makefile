@@ -14,8 +14,8 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: demo test test-slow test-lowest test-highest golden benchmarks validation pages docs release clean
 
 demo: $(VENV)/.run
-	$(BIN)/python -m sarmitsuba render urban_block -o $(OUT)/urban_block --force
-	@echo "The picture is $(OUT)/urban_block/quicklook.png"
+	$(BIN)/python -m sarmitsuba render urban_block -o $(OUT)/urban_block --labels --force
+	@echo "The pictures are $(OUT)/urban_block/quicklook.png and labels.png"
 
 test: $(VENV)/.test
 	$(BIN)/ruff check .
