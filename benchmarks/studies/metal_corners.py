@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.apps.datasets.draw import Drawer
-from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.scene.mesh import metal_corners

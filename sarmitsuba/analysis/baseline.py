@@ -1,4 +1,6 @@
-"""Interferometric baseline: components about the line of sight, critical baseline, height of ambiguity.
+"""Baselines of interferometric pairs: components, the second pass, phase centres.
+
+Interferometric baseline: components about the line of sight, critical baseline, height of ambiguity.
 
 Planning of the second pass: a perpendicular baseline suitable for the scene.
 

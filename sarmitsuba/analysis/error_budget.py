@@ -121,9 +121,8 @@ def error_budget(image: SarImage) -> tuple[ErrorPart, ...]:
     Notes
     -----
     A witness (:class:`sarmitsuba.core.witness.Witness`) in the metadata takes the place of a law, which stays as
-    ``law_db``.
-    Effects left out are summed as independent energies; those without a bound are named. The error of the theory
-    is the energy of waves that metal sends and the run does not follow, by the laws of
+    ``law_db``. Effects left out are summed as independent energies; those without a bound are named. The error of the
+    theory is the energy of waves that metal sends and the run does not follow, by the laws of
     :mod:`sarmitsuba.effects.omitted_waves`; unknown for other surfaces, see docs/accuracy.md.
     """
     data = BudgetFacts(image.metadata)

@@ -1,4 +1,6 @@
-"""Report of image quality: points, areas, noise.
+"""Image quality: report of points, areas and noise; statistics of areas; spectral looks.
+
+Report of image quality: points, areas, noise.
 
 Quality of areas: speckle, contrast, entropy, and noise level.
 
@@ -25,8 +27,8 @@ from sarmitsuba.analysis.point_quality import (
     windows_of,
 )
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.signal.focusing.windows import Window
 from sarmitsuba.signal.image import ImageGrid, SarImage, block_means
 from sarmitsuba.signal.metrics import equivalent_number_of_looks, windows_over

@@ -1,4 +1,6 @@
-"""Interferogram of two images on one grid: phase, coherence and geometry.
+"""Interferometry of two images of one scene: interferogram, coherence, common band, heights.
+
+Interferogram of two images on one grid: phase, coherence and geometry.
 
 Spectral shift filter: the common band of both images of a pair for level ground.
 

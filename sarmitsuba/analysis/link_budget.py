@@ -1,4 +1,6 @@
-"""Link budget of a scene's radar, computed before tracing.
+"""Link budget of a scene's radar before tracing: signal, noise, timing, and findings.
+
+Link budget of a scene's radar, computed before tracing.
 
 Findings about impossible or unfavourable combinations of radar parameters, one line each.
 
@@ -21,8 +23,9 @@ from sarmitsuba.analysis.pulse_timing import (
     vantage_of,
 )
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import DEFAULT_WINDOW, SPEED_OF_LIGHT, db_from_power, power_from_db
+from sarmitsuba.core.constants import DEFAULT_WINDOW, SPEED_OF_LIGHT
 from sarmitsuba.core.errors import RadarError
+from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.machine.memory import in_bytes
 from sarmitsuba.radar.description import RadarInput

@@ -1,4 +1,6 @@
-r"""Scattering vectors and their second moments: coherency matrix T, covariance matrix C.
+r"""Polarimetry: coherency matrix, Cloude-Pottier decomposition, compact polarimetry, colours, report.
+
+Scattering vectors and their second moments: coherency matrix T, covariance matrix C.
 
 Reciprocity is assumed except in :func:`coherency4`: the cross-polar channel is ``X = (HV + VH) / 2``. Sources: Cloude
 and Pottier, IEEE TGRS 34 (2) 1996, equations 8 to 18; Lee and Pottier, Polarimetric Radar Imaging (2009), chapter 3.
@@ -27,8 +29,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.core.arrays import C64, C128, F64, U8
-from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.signal.image import SarImage, block_means, sliding_means
 
 

@@ -1,4 +1,6 @@
-"""Pulse timing: bounds of the pulse repetition frequency, blind ranges, nadir echo.
+"""Pulse timing: bounds of the PRF, ambiguity-to-signal ratios, ghosts.
+
+Pulse timing: bounds of the pulse repetition frequency, blind ranges, nadir echo.
 
 Ambiguity-to-signal ratios of homogeneous ground, from the antenna pattern.
 

@@ -1,4 +1,6 @@
-r"""Address of a cluster: local workers, or the scheduler of remote ones.
+r"""Clusters: their address, the client, the worker process, focusing by workers, predicted cost.
+
+Address of a cluster: local workers, or the scheduler of remote ones.
 
 Client of a Dask cluster: starts or joins it, distributes tasks and collects results.
 

@@ -2,7 +2,7 @@
 
 The second pass is the first moved by a baseline across the line of sight; with --one-pass it is a second receiver. Both
 runs stay in OUT/first and OUT/second; `interferogram OUT/first OUT/second` evaluates them again. See
-docs/interferometry.md.
+docs/analysis.md.
 """
 
 import argparse

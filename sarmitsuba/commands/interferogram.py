@@ -1,7 +1,7 @@
 """Interferogram of two runs of one scene: phase, coherence, baselines and heights, as pictures and JSON.
 
 The second run's raw data are focused on the first image's grid where the second image has another one, as with another
-track. See docs/interferometry.md.
+track. See docs/analysis.md.
 """
 
 import argparse

@@ -1,6 +1,6 @@
 """Compute the link budget of a scene's radar before tracing: signal, noise, pulses, data volume, contradictions.
 
-Exit status: 1 where the radar cannot work as described, with one line that says why; see docs/link.md.
+Exit status: 1 where the radar cannot work as described, with one line that says why; see docs/radar.md.
 """
 
 import argparse

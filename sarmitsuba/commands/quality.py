@@ -2,7 +2,7 @@
 
 IRW: half-power width of the main lobe. PSLR: highest side lobe beyond the first nulls over the peak. ISLR: energy
 beyond the first nulls over that between them, out to 16 cells. ENL: squared mean over variance of the intensity;
-contrast: its standard deviation over its mean; entropy: that of the intensities over their sum. See docs/quality.md.
+contrast: its standard deviation over its mean; entropy: that of the intensities over their sum. See docs/analysis.md.
 """
 
 import argparse

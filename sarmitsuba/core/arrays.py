@@ -1,4 +1,6 @@
-"""Types of NumPy arrays, named for their elements; shapes and units are stated where they are used.
+"""Types of arrays and what every room does with them: boxes, checks for NaN, linear maps.
+
+Types of NumPy arrays, named for their elements; shapes and units are stated where they are used.
 
 Boxes along the axes.
 

@@ -1,12 +1,4 @@
-"""Physical constants in SI units, and conventions common to several stages.
-
-Conversions between linear values and decibels.
-"""
-
-import numpy as np
-from numpy.typing import ArrayLike
-
-from sarmitsuba.core.arrays import F64
+"""Physical constants in SI units, and conventions common to several stages."""
 
 # CODATA 2022 (Mohr et al., Rev. Mod. Phys. 97, 025002, 2025); the same with every version of SciPy
 SPEED_OF_LIGHT = 299792458.0  # m/s, exact
@@ -29,14 +21,3 @@ RAY_ERROR_ORDER = 0.83
 
 # window of images in Python and on the command line: without one the side lobes of a city's corners cross its picture
 DEFAULT_WINDOW = "taylor"
-
-
-def db_from_power(power: ArrayLike) -> F64:
-    """Return ``10 log10(power)`` as float64; zero gives ``-inf`` without a warning."""
-    with np.errstate(divide="ignore"):
-        return np.asarray(10.0 * np.log10(np.asarray(power, dtype=np.float64)))
-
-
-def power_from_db(value_db: ArrayLike) -> F64:
-    """Return ``10**(value_db / 10)`` as float64."""
-    return np.asarray(10.0 ** (np.asarray(value_db, dtype=np.float64) / 10.0))

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, power_from_db
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import GuessWarning, SceneError
 from sarmitsuba.core.parameters import Value, printable
+from sarmitsuba.core.units import power_from_db
 from sarmitsuba.loading import tables
 from sarmitsuba.loading.assemble import MeshSurface, assemble
 from sarmitsuba.loading.describe import Described

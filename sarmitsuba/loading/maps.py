@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64, I64
-from sarmitsuba.core.constants import power_from_db
 from sarmitsuba.core.errors import DataError, SceneError
 from sarmitsuba.core.parameters import Value, did_you_mean, one_line, string_value
+from sarmitsuba.core.units import power_from_db
 from sarmitsuba.loading.elements import Element
 from sarmitsuba.machine.backend import mi
 from sarmitsuba.machine.regular_files import check_regular, check_unpacked

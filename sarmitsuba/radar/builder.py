@@ -15,8 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, power_from_db
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import RadarError, SarmitsubaWarning
+from sarmitsuba.core.units import power_from_db
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.aperture import (
     automatic_track,

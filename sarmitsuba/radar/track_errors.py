@@ -1,4 +1,6 @@
-"""Recorded track, which the focuser uses: read from a file, or the flown track with an error model.
+"""Errors of track and pointing: recorded track, pointing errors, coloured random series.
+
+Recorded track, which the focuser uses: read from a file, or the flown track with an error model.
 
 Pointing errors: true beam direction against the nominal one that the focuser uses.
 

@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64, I32, I64
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry

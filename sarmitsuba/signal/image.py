@@ -1,4 +1,6 @@
-"""Focused complex image and its pixel grid.
+"""Focused complex image: pixel grid, bounds, shown axes, averages, radiometric quantities.
+
+Focused complex image and its pixel grid.
 
 Bounds of an image's grid and calibration, checked for every file before use.
 

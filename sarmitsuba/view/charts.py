@@ -1,4 +1,6 @@
-"""Bar charts of the account of an image: error by cause and seconds by stage.
+"""Charts: account of an image, error against time, curves against a reference, echoes, focusers, fits, responses.
+
+Bar charts of the account of an image: error by cause and seconds by stage.
 
 Plots of error against time.
 
@@ -34,7 +36,8 @@ from sarmitsuba.analysis.error_budget import BOUND, LAW, MEASURED, ErrorPart
 from sarmitsuba.analysis.image_quality import QualityReport
 from sarmitsuba.analysis.point_quality import PointQuality
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.machine.atomic import atomic_path
 from sarmitsuba.signal.focusing.comparison import FocuserResult
 from sarmitsuba.signal.image import SarImage, ShownAxes
@@ -46,9 +49,8 @@ from sarmitsuba.view.quicklook import draw
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from sarmitsuba.view.figure import Figure
 
-
+_LETTER = 6.0  # mean width of a letter of the values, pixels
 _DPI = 100.0
 # screen pixels: of a bar, around the bars, and of the names
 _ROW, _TOP, _BOTTOM, _NAMES, _BARS, _VALUES, _LINE = 22, 34, 46, 124, 190, 350, 15
@@ -82,18 +84,21 @@ def account_figure(account: Account, title: str = "") -> Figure:
         line for text in account.advice for line in textwrap.wrap(text, _LETTERS, subsequent_indent="    ")
     ]
     foot = _BOTTOM + _LINE * len(notes)
-    width, height = 2 * (_NAMES + _BARS + _VALUES), _TOP + _ROW * rows + foot
+    likely = likely_total_db(account.parts)
+    longest = max((len(_value(part, _share(part, likely))) for part in account.parts), default=0)
+    starts = (0.0, _NAMES + _BARS + max(_VALUES, _LETTER * longest))
+    width, height = starts[1] + _NAMES + _BARS + _VALUES, _TOP + _ROW * rows + foot
     figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
     left, right = (
         figure.add_axes(
             (
-                (_NAMES + i * width / 2) / width,
+                (_NAMES + start) / width,
                 (foot + _ROW * (rows - n)) / height,
                 _BARS / width,
                 _ROW * n / height,
             )
         )
-        for i, n in enumerate((len(account.parts), len(stages)))
+        for start, n in zip(starts, (len(account.parts), len(stages)), strict=True)
     )
     _errors(left, account)
     _times(right, stages)
@@ -103,7 +108,11 @@ def account_figure(account: Account, title: str = "") -> Figure:
     figure.text(8 / width, 1 - 18 / height, f"{title}error by cause: {total}", fontsize=9, parse_math=False)
     elapsed = sum(stage[1] for stage in stages)
     figure.text(
-        0.5 + 8 / width, 1 - 18 / height, f"time by stage: {elapsed:.3g} s", fontsize=9, parse_math=False
+        (starts[1] + 8) / width,
+        1 - 18 / height,
+        f"time by stage: {elapsed:.3g} s",
+        fontsize=9,
+        parse_math=False,
     )
     for i, line in enumerate(reversed(notes)):
         figure.text(8 / width, (6 + _LINE * i) / height, line, fontsize=_SMALL, parse_math=False)
@@ -212,6 +221,42 @@ def cost_figure(
     axes.set_title(title, parse_math=False)
     axes.grid(alpha=0.3, which="both")
     axes.legend()
+    return figure
+
+
+def depth_figure(
+    errors_db: Sequence[float], energies_db: Sequence[float], seconds: Sequence[float], title: str
+) -> Figure:
+    """Plot what each bounce adds to an image and what it costs, from the first bounce on.
+
+    Parameters
+    ----------
+    errors_db : of the image that ends at each bounce, against the deepest; not finite: no error, not drawn
+    energies_db : of the image of each bounce alone, over the deepest image; likewise
+    seconds : of a run that ends at each bounce; all NaN: not measured, and not drawn
+    title : of the plot
+    """
+    timed = np.isfinite(seconds).any()
+    figure = Figure(figsize=(10.0 if timed else 5.4, 4.2), dpi=100, layout="constrained")
+    panels = figure.subplots(1, 2 if timed else 1, squeeze=False)[0]
+    bounces = np.arange(1, len(errors_db) + 1)
+    for values, style, label in (
+        (errors_db, "o-", "error of the image that ends here"),
+        (energies_db, "s--", "energy of this bounce alone"),
+    ):
+        drawn = np.isfinite(values)
+        panels[0].plot(bounces[drawn], np.asarray(values)[drawn], style, ms=5, label=label)
+    panels[0].set_ylabel("dB of the deepest image's energy")
+    panels[0].legend(fontsize=_SMALL)
+    if timed:
+        panels[1].plot(bounces, seconds, "o-", color=_WALL, ms=5)
+        panels[1].set_ylabel("processor seconds, without compiling")
+        panels[1].set_ylim(0.0, 1.1 * float(np.nanmax(seconds)))
+    for axes in panels:
+        axes.set_xlabel("bounces traced")
+        axes.set_xticks(bounces)
+        axes.grid(alpha=0.3)
+    figure.suptitle(title, fontsize=10, parse_math=False)
     return figure
 
 
@@ -443,7 +488,7 @@ def focusers_figure(results: Sequence[FocuserResult]) -> Figure:
     return figure
 
 
-# inches: width of the figure, of a picture with its axes, and height of title and colour bar, of the title alone
+# inches: width of the figure, height of one of three pictures, and height of title and colour bar, of the title alone
 _WIDTH, _PICTURE, _AROUND, _TITLE = 14.0, 4.2, 1.4, 0.5
 
 
@@ -456,7 +501,8 @@ def side_by_side(pictures: Sequence[tuple[str, SarImage, PictureOptions]], title
     """
     grid = pictures[0][1].grid
     ratio = grid.shape[0] * grid.azimuth_spacing / (grid.shape[1] * grid.range_spacing)
-    height = _AROUND + _PICTURE * float(np.clip(ratio, 0.3, 1.6)) + (_TITLE if title else 0.0)
+    picture = _PICTURE * 3.0 / max(len(pictures), 2)
+    height = _AROUND + picture * float(np.clip(ratio, 0.3, 1.6)) + (_TITLE if title else 0.0)
     room = (0.0, 0.0, 1.0, 1.0 - 0.5 * (_TITLE / height if title else 0.0))
     figure = Figure(figsize=(_WIDTH, height), dpi=100, layout=ConstrainedLayoutEngine(rect=room))
     for axes, (name, image, options) in zip(figure.subplots(1, len(pictures)), pictures, strict=True):

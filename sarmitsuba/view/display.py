@@ -9,9 +9,9 @@ import numpy as np
 
 from sarmitsuba.analysis.image_quality import spectral_looks
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.parameters import did_you_mean
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.signal.image import SarImage, ShownAxes, backscatter, block_means
 from sarmitsuba.signal.raw.raw_data import Layer
 

@@ -5,8 +5,8 @@ from typing import Literal
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.signal.image import RadiometricQuantity, SarImage, ShownAxes, backscatter
 from sarmitsuba.view.display import quantity_label
 from sarmitsuba.view.figure import Figure

@@ -37,7 +37,7 @@ APART = (
 )
 THEORY = "sarmitsuba.truth.theory"
 # closed forms share no code with what they check
-THEORY_MAY = {"sarmitsuba.core.arrays", "sarmitsuba.core.constants"}
+THEORY_MAY = {f"sarmitsuba.core.{name}" for name in ("arrays", "constants", "units")}
 # rooms that may take them; tests, benchmarks and pages may too
 THEORY_USERS = {"truth"}
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from sarmitsuba.core.arrays import C128, F64
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.simulation.execution.rcs import monostatic_rcs
 from sarmitsuba.tracing.kernel.source import PointSource

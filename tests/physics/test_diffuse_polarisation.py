@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.materials.diffuse import diffuse_tables
 from sarmitsuba.simulation.execution.render import simulate

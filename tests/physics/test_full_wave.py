@@ -8,8 +8,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import OutputError
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation import full_wave
 

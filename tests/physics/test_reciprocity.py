@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.materials.material import Material

@@ -207,7 +207,7 @@ def test_two_crossed_panes_turn_the_polarisation_in_their_order() -> None:
 
 
 def test_a_path_goes_through_six_panes() -> None:
-    """What stands behind a seventh is not seen; see `docs/glass.md`."""
+    """What stands behind a seventh is not seen; see `docs/materials.md`."""
     thin = replace(PANE, permittivity=1.5 + 0.0j)
     materials = (*targets.PEC, thin)
     levels = [

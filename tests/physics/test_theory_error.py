@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.effects.omitted_waves import MetalLines, SimulatedWaves, metal_lines, omitted_energy
 from sarmitsuba.effects.plan import plan_effects

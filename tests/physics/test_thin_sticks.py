@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.scene.materials.vegetation.canopy import plant_permittivity
 from sarmitsuba.scene.materials.vegetation.plant_pieces import OverGround, Stick
 from sarmitsuba.truth import theory

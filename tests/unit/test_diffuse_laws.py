@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import ExtensionError, SceneError
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.scene.materials.diffuse import DiffuseTable, diffuse_tables
 from sarmitsuba.scene.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0
 from sarmitsuba.scene.materials.fresnel import fresnel

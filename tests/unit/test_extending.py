@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
-from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import DataError, RadarError, SarmitsubaWarning, SceneError
 from sarmitsuba.core.registry import Registry
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.effect import EFFECTS
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.files import write_image

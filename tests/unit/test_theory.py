@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.scene.materials.diffuse import diffuse_tables
 from sarmitsuba.scene.materials.fresnel import fresnel
 from sarmitsuba.scene.materials.material import Material

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.view.charts import side_by_side
 from sarmitsuba.view.display import LARGEST, PictureOptions, prepare

@@ -20,10 +20,11 @@ from typing import Literal
 import numpy as np
 
 from sarmitsuba.core.arrays import C64, F64, check_pulses
-from sarmitsuba.core.constants import DEFAULT_WINDOW, SUBSET_SHARES, db_from_power, power_from_db
+from sarmitsuba.core.constants import DEFAULT_WINDOW, SUBSET_SHARES
 from sarmitsuba.core.errors import DataError, SarmitsubaWarning
 from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.core.registry import late
+from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.radar.collection import flight_facts, signal_facts
 from sarmitsuba.radar.image_request import ImageRequest

@@ -8,8 +8,8 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C64, C128, F32, F64, I64, LinearMap
-from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track

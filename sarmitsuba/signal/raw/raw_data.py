@@ -61,9 +61,8 @@ class AutofocusRecords:
         r"""Range error (n_pulses,), m, with the same phase at the carrier: :math:`\lambda \phi / 4 \pi - \rho`.
 
         The sign is that of `sarmitsuba.signal.focusing.autofocus.Autofocuser.estimate`: true minus recorded range. As
-        the
-        phase repeats itself every half wavelength, the range corrections of measured data (AFRL's Gotcha set) jump by
-        multiples of it from pulse to pulse. The result does not: it changes by a quarter of a wavelength at most
+        the phase repeats itself every half wavelength, the range corrections of measured data (AFRL's Gotcha set) jump
+        by multiples of it from pulse to pulse. The result does not: it changes by a quarter of a wavelength at most
         from pulse to pulse, and its mean is as close as such multiples allow to that of :math:`-\rho`.
         """
         half = 0.5 * wavelength

@@ -17,8 +17,9 @@ from typing import Literal
 import numpy as np
 
 from sarmitsuba.core.arrays import C64, F64
-from sarmitsuba.core.constants import SUBSET_SHARES, db_from_power, power_from_db
+from sarmitsuba.core.constants import SUBSET_SHARES
 from sarmitsuba.core.errors import SarmitsubaError, SarmitsubaWarning
+from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.effects.effect import EFFECTS
 from sarmitsuba.effects.flags import KernelFlags

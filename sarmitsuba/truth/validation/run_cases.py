@@ -83,7 +83,7 @@ LIMITS = """## What the closed forms leave out, and so does the simulator
   which is also compared with the exact Mie series, the three scenes of 6 wavelengths whose exact scattering is
   stored, and the bodies that were measured. They show where physical optics ends. Glints and double bounces of
   flat parts hold. A box off its glints, where edges and corners are all there is, returns far more than physical
-  optics; what its edges add is in `docs/diffraction.md`. Between
+  optics; what its edges add is in `docs/effects.md`. Between
   plates VV is worse than HH. Between curved and flat metal a wavelength or two apart the mean power holds, single
   directions do not. The cross-polar return of metal with flat faces is an artefact of physical optics, not theirs.
 - Three diffuse scatterers in a row, and a diffuse scatterer seen out through one chain of mirrors and back through

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C64, F64, U8
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.radar.mode import MODES
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene

@@ -1,4 +1,6 @@
-"""Diffuse law with constant sigma0.
+"""Simple diffuse laws: none, constant sigma0, constant gamma, Lambert.
+
+Diffuse law with constant sigma0.
 
 Diffuse law with constant gamma: sigma0 proportional to the cosine of incidence.
 
@@ -10,7 +12,7 @@ Law without diffuse return: the surface only reflects.
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import power_from_db
+from sarmitsuba.core.units import power_from_db
 from sarmitsuba.scene.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0, Surface
 
 

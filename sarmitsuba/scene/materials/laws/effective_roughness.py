@@ -6,9 +6,9 @@ from typing import ClassVar
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import power_from_db
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.core.parameters import Param
+from sarmitsuba.core.units import power_from_db
 from sarmitsuba.scene.materials.diffuse_law import (
     LAWS,
     Bistatic,

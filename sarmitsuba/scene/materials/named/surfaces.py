@@ -1,4 +1,6 @@
-"""Surfaces by their everyday names: the permittivity of a material, with a roughness and clutter level of their own.
+"""Named materials: surfaces by their everyday names, panes, conductors, plastics, wood.
+
+Surfaces by their everyday names: the permittivity of a material, with a roughness and clutter level of their own.
 
 Window glass slabs.
 

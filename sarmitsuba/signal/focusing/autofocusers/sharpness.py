@@ -33,10 +33,9 @@ class _Sharpness(Autofocuser):
 
     The orders begin with the second. Pixels are sums of every pulse's contribution,
     :math:`I_p = |\sum_t b_{pt} e^{j \phi_t}|^2` (:func:`sarmitsuba.signal.focusing.autofocus.pulse_contributions`),
-    along
-    whole azimuth lines at the brightest range columns. The measure's gradient is exact; the search is quasi-Newton
-    (L-BFGS), from low orders to high ones. Sharpness has many local optima once the error passes about a radian, so
-    that the search starts from a few rounds of
+    along whole azimuth lines at the brightest range columns. The measure's gradient is exact; the search is
+    quasi-Newton (L-BFGS), from low orders to high ones. Sharpness has many local optima once the error passes about a
+    radian, so that the search starts from a few rounds of
     :class:`sarmitsuba.signal.focusing.autofocusers.phase_gradient.PhaseGradient`; ``start=0`` starts from the recorded
     track.
 

@@ -7,9 +7,8 @@ Every one of them makes
           \quad k = 4 \pi (f_c + f) / c, \quad k_y = \sqrt{k^2 - k_x^2},
 
 from the data's spectrum S over track and fast time, and they differ in how they evaluate, or approximate, the sum over
-k.
-It is the sum of :func:`sarmitsuba.signal.focusing.focusers.backprojection.backproject` (its weights :math:`R^2 e^{jkR}`
-transformed over the track by stationary phase), so that all give the same complex pixels.
+k. It is the sum of :func:`sarmitsuba.signal.focusing.focusers.backprojection.backproject` (its weights :math:`R^2
+e^{jkR}` transformed over the track by stationary phase), so that all give the same complex pixels.
 """
 
 import os

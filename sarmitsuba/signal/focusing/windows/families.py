@@ -1,4 +1,6 @@
-"""Windows that are a constant and a cosine: rectangular, Hamming, Hann.
+"""Families of windows: cosine, Kaiser, Taylor.
+
+Windows that are a constant and a cosine: rectangular, Hamming, Hann.
 
 Kaiser window: nearly the largest energy in a main lobe of given width.
 

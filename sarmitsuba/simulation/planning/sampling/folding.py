@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import db_from_power
 from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.radar.swath import beam_bandwidth
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene

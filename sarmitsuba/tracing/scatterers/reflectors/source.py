@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sarmitsuba.core.constants import power_from_db
 from sarmitsuba.core.errors import ExtensionError
+from sarmitsuba.core.units import power_from_db
 from sarmitsuba.scene.scatterers import SCATTERERS, ScattererTarget, targets_by_kind
 from sarmitsuba.tracing.kernel.source import Part, PointSource, Scatterers, Source
 from sarmitsuba.tracing.scatterers.reflectors.lobes import change_in_blocks

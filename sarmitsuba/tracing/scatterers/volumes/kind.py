@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 
 from sarmitsuba.core.arrays import F64, I32
-from sarmitsuba.core.constants import power_from_db
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.core.parameters import Param, Value, float_value, string_value
+from sarmitsuba.core.units import power_from_db
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.loading.elements import Element

@@ -7,7 +7,7 @@ import numpy as np
 
 from sarmitsuba.analysis.pulse_timing import azimuth_ambiguity_ratio
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject

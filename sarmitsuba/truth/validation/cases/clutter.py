@@ -10,7 +10,8 @@ from scipy.special import gammainc
 from scipy.stats import kstest
 
 from sarmitsuba.core.arrays import F64, I64
-from sarmitsuba.core.constants import SPEED_OF_LIGHT, db_from_power
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.machine.backend import device_array, dr, mi
 from sarmitsuba.scene.materials.map_materials import varied
 from sarmitsuba.scene.materials.material import ClassMap, Material, SurfaceMaps

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sarmitsuba.core.arrays import C128, F64
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.simulation.execution.rcs import RcsResult, monostatic_rcs
 from sarmitsuba.tracing.kernel.source import PointSource

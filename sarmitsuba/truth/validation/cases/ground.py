@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry
 from sarmitsuba.truth.validation.chain import METHODS, WINDOWS, Method, chain, ground_scene

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sarmitsuba.analysis.link_budget import LinkBudget, link_budget
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.loading.library import list_radars
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.scene import Scene

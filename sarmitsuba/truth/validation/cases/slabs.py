@@ -5,7 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from sarmitsuba.core.arrays import C128, F64
-from sarmitsuba.core.constants import VACUUM_IMPEDANCE, db_from_power
+from sarmitsuba.core.constants import VACUUM_IMPEDANCE
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.machine.backend import dr, ensure_backend, mi
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.simulation.execution.rcs import monostatic_rcs

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.signal.metrics import point_target_in
 from sarmitsuba.truth.validation import targets

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject
 from sarmitsuba.simulation.execution.render import simulate

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.constants import db_from_power
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.simulation.execution.rcs import monostatic_rcs
 from sarmitsuba.truth import theory

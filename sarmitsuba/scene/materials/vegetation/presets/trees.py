@@ -1,11 +1,14 @@
-"""Crown of a conifer, such as a spruce: needles in all directions, branches nearly horizontal.
+"""Crowns of conifers and broad-leaved trees, and hedges.
+
+Crown of a conifer, such as a spruce: needles in all directions, branches nearly horizontal.
 
 Sizes and densities are chosen within forestry data, none fitted to a radar measurement.
 
 Crowns of broad-leaved trees, such as limes and maples along a street, in leaf and without.
 
 Sizes and densities are chosen within forestry data for mature crowns (about 0.8 m^2 of leaf and 1 kg of fresh
-wood in a cubic metre), none of them fitted to a radar measurement; see docs/vegetation.md for their backscatter.
+wood in a cubic metre), none of them fitted to a radar measurement. Their backscatter is printed by
+``python benchmarks/studies/vegetation.py --presets``.
 
 A cut hedge, such as privet or hornbeam: small leaves, many thin twigs, upright stems.
 
