@@ -4,6 +4,7 @@ The names below are loaded on first use: importing the package imports neither M
 """
 
 import importlib
+import importlib.util
 from typing import TYPE_CHECKING, Any
 
 from sarmitsuba.version import __version__
@@ -47,7 +48,6 @@ if TYPE_CHECKING:
     from sarmitsuba.scene.motion import Motion
     from sarmitsuba.scene.scene import Scene
     from sarmitsuba.scene.settings import TraceSettings
-    from sarmitsuba.scene.wires import WireTarget
     from sarmitsuba.signal.focusing import focus
     from sarmitsuba.signal.focusing.operator import FocusingOperator, focusing_operator
     from sarmitsuba.signal.image import ImageGrid, SarImage
@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from sarmitsuba.simulation.execution.refinement.passes import refine
     from sarmitsuba.simulation.execution.render import render, simulate
     from sarmitsuba.simulation.planning.prediction.explanation import explain
+    from sarmitsuba.tracing.scatterers.wires.kind import WireTarget
 
 _HOME = {
     "Anchor": "sarmitsuba.radar.geodesy",
@@ -80,7 +81,7 @@ _HOME = {
     "OutputError": "sarmitsuba.core.errors",
     "PathTable": "sarmitsuba.simulation.execution.path_table",
     "Prior": "sarmitsuba.apps.fit.least_squares",
-    "WireTarget": "sarmitsuba.scene.wires",
+    "WireTarget": "sarmitsuba.tracing.scatterers.wires.kind",
     "PointTarget": "sarmitsuba.scene.geometry",
     "RadarDescription": "sarmitsuba.radar.description",
     "RadarError": "sarmitsuba.core.errors",
@@ -211,3 +212,9 @@ __all__ = [
     "write_image",
     "write_raw",
 ]
+
+# public names of a kind of scatterers leave with the folder of the kind
+for _name in [name for name, home in _HOME.items() if home.endswith(".kind")]:
+    if importlib.util.find_spec(_HOME[_name].rpartition(".")[0]) is None:
+        del _HOME[_name]
+        __all__.remove(_name)

@@ -52,7 +52,7 @@ from sarmitsuba.scene.materials.material import SurfaceMaps
 from sarmitsuba.scene.materials.texture import Bitmap, in_plan
 from sarmitsuba.scene.motion import STILL
 from sarmitsuba.scene.settings import METHODS
-from sarmitsuba.scene.wires import WireTarget
+from sarmitsuba.tracing.scatterers.wires.kind import WireTarget
 from tests.support.differences import box, compared_all, house
 
 _ = _support

@@ -22,16 +22,16 @@ from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.simulation.execution.pulses import AntennaStates
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.planning.pilot import plan_scene
-from sarmitsuba.simulation.planning.sources.kind import SOURCES
-from sarmitsuba.simulation.planning.sources.pair_estimate import (
+from sarmitsuba.simulation.planning.site import RunSite
+from sarmitsuba.tracing.kernel.accumulators import BlockAccumulator
+from sarmitsuba.tracing.scatterers.pairs.diffuse_pairs import PairSource
+from sarmitsuba.tracing.scatterers.pairs.pair_estimate import (
     PILOT_POINTS,
     estimate_pairs,
     pair_level,
     pilot_cell,
 )
-from sarmitsuba.simulation.planning.sources.site import RunSite
-from sarmitsuba.tracing.kernel.accumulators import BlockAccumulator
-from sarmitsuba.tracing.scatterers.pairs.diffuse_pairs import PairSource
+from sarmitsuba.tracing.scatterers.sources import SOURCES
 
 SCENES = ("courtyard", "urban_block", "buildings16", "tower", "bridge")
 ROUNDS = 5

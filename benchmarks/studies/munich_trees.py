@@ -26,8 +26,8 @@ from sarmitsuba.loading.library import resolve_radar
 from sarmitsuba.machine.backend import ensure_backend, mi
 from sarmitsuba.scene.materials.vegetation.canopy import CANOPIES
 from sarmitsuba.scene.mesh.tessellate import sphere
-from sarmitsuba.scene.volumes import Volume
 from sarmitsuba.simulation.execution.batches import built
+from sarmitsuba.tracing.scatterers.volumes.kind import Volume
 from sarmitsuba.view.quicklook import draw
 
 # facades are perfectly even and stand 60 dB over the clutter
@@ -75,7 +75,7 @@ def planted(scene: Any, places: F64, preset: str, seed: int) -> Any:
         size = rng.uniform(0.8, 1.25)
         crown = size * (vertices * [CROWN[0], CROWN[0], CROWN[1]] + [0.0, 0.0, MIDDLE])
         volumes.append(Volume(f"tree {i}", crown + place, faces, medium))
-    return replace(scene, volumes=tuple(volumes))
+    return replace(scene, scatterers=(*scene.scatterers, *volumes))
 
 
 def main() -> None:

@@ -31,7 +31,7 @@ from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.scene.materials.vegetation.canopy import CANOPIES
 from sarmitsuba.scene.mesh.tessellate import sphere
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
-from sarmitsuba.tracing.scatterers.volumes.volume_scatterers import volume_scatterers
+from sarmitsuba.tracing.scatterers.volumes.source import volume_scatterers
 from sarmitsuba.truth import theory
 from sarmitsuba.view.quicklook import draw
 

@@ -1,8 +1,9 @@
 """Registries of laws, modes, focusers, effects, formats ... by name.
 
-An entry is any object with a ``name``. Built-in entries are modules of one folder, imported at the first look-up; a new
-entry is one new file there. A user's module registers its entries when it is imported: in Python by ``import``, on the
-command line by ``--extension``, if installed by an entry point of the group ``sarmitsuba.extensions``.
+An entry is any object with a ``name``. Built-in entries are modules of one folder, or of one name in many folders,
+imported at the first look-up; a new entry is one new file there. A user's module registers its entries when it is
+imported: in Python by ``import``, on the command line by ``--extension``, if installed by an entry point of the group
+``sarmitsuba.extensions``.
 """
 
 import functools
@@ -140,15 +141,16 @@ class Registry(Generic[T]):
     ----------
     kind : of the entries, for messages, e.g. ``diffuse law``
     interface : class of the entries
-    package : dotted name of the folder of built-in entries; imported at the first look-up
+    packages : dotted names of the folders of built-in entries, imported at the first look-up; ``a.*.b`` stands for the
+        module ``b`` of every folder in ``a`` that has one
     """
 
-    def __init__(self, kind: str, interface: type, package: str | None = None) -> None:
+    def __init__(self, kind: str, interface: type, *packages: str) -> None:
         self.kind, self.interface = kind, interface
-        self._package = package
+        self._packages = packages
         self._entries: dict[str, T] = {}
         self._owners: dict[str, str] = {}
-        self._loaded = package is None
+        self._loaded = not packages
         self._loading = threading.RLock()  # other threads wait; modules being loaded may look up entries
         self._in_work = False
         if hasattr(os, "register_at_fork"):
@@ -224,15 +226,23 @@ class Registry(Generic[T]):
                 return
             self._in_work = True
             try:
-                assert self._package is not None
-                package = importlib.import_module(self._package)
-                for module in pkgutil.iter_modules(package.__path__):
-                    importlib.import_module(f"{self._package}.{module.name}")
-                for module_name in _installed():
+                found = (name for package in self._packages for name in _modules_in(package))
+                for module_name in (*found, *_installed()):
                     importlib.import_module(module_name)
                 self._loaded = True
             finally:
                 self._in_work = False
+
+
+def _modules_in(package: str) -> Iterator[str]:
+    """Dotted names of the modules of a folder, or for ``a.*.b`` of ``a.FOLDER.b`` of every folder that has it."""
+    folder, star, wanted = package.partition(".*.")
+    for module in pkgutil.iter_modules(importlib.import_module(folder).__path__):
+        name = f"{folder}.{module.name}"
+        if not star:
+            yield name
+        elif module.ispkg:
+            yield from (inside for inside in _modules_in(name) if inside == f"{name}.{wanted}")
 
 
 def load_extension(module_or_file: str, *, again: bool = True) -> None:

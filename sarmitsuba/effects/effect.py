@@ -123,7 +123,9 @@ class Effect(ABC):
         return scene
 
 
-EFFECTS: Registry[Effect] = Registry("effect", Effect, "sarmitsuba.effects.catalog")
+EFFECTS: Registry[Effect] = Registry(
+    "effect", Effect, "sarmitsuba.effects.catalog", "sarmitsuba.tracing.scatterers.*.kind"
+)
 
 
 def effects() -> tuple[Effect, ...]:

@@ -28,11 +28,9 @@ from sarmitsuba.scene.mesh.model_units import doubtful_unit
 from sarmitsuba.scene.mesh.smooth_groups import smooth_groups
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.round_facets import RoundFacets
-from sarmitsuba.scene.scatterers import ScattererTarget, positions_of
+from sarmitsuba.scene.scatterers import SCATTERERS, Target, joined_rows
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.scene.volumes import Volume
-from sarmitsuba.scene.wires import WireTarget, wire_ends
 
 # beyond this distance from the file's origin the scene gets an origin near the geometry: float32 positions stay exact
 # to 1 mm
@@ -83,9 +81,7 @@ def assemble(
     radar: RadarInput,
     settings: TraceSettings,
     notes: Sequence[str] = (),
-    wires: Sequence[WireTarget] = (),
-    volumes: Sequence[Volume] = (),
-    scatterers: Sequence[ScattererTarget] = (),
+    scatterers: Sequence[Target] = (),
     grounds: Sequence[LevelGround] = (),
 ) -> Scene:
     """Scene of cleaned and centred geometry with its radar.
@@ -93,12 +89,12 @@ def assemble(
     Parameters
     ----------
     name, path : of the file
-    surfaces, points, wires : in the file frame
+    surfaces, points : in the file frame
     materials : list that ``MeshSurface.material`` indexes
     radar : validated parameters of sensor and film
     settings : of the integrator
     notes : collected so far
-    volumes, scatterers, grounds : in the file frame
+    scatterers, grounds : in the file frame
 
     Raises
     ------
@@ -109,11 +105,15 @@ def assemble(
     visible = any(
         not materials[i].invisible for i in [*(s.material for s in surfaces), *(g.material for g in grounds)]
     )
-    if volumes and not visible:
-        raise SceneError(
-            f'{label}: no surface below the volume "{volumes[0].name}"; add ground, a shape with a radar_material'
-        )
-    if not visible and not points and not wires and not scatterers:
+    scatterers = sorted(scatterers, key=lambda target: SCATTERERS[target.kind].rank)
+    for target in scatterers:
+        kind = SCATTERERS[target.kind]
+        if kind.needs_surface and not visible:
+            raise SceneError(
+                f'{label}: no surface below the {kind.mechanism} "{target.name}"; add ground, a shape with a '
+                "radar_material"
+            )
+    if not visible and not points and not scatterers:
         what = "every shape is invisible" if surfaces else "there is no shape"
         raise SceneError(
             f"{label}: the scene has no scatterers: {what}; add a shape with a bsdf, a point_scatterer or a radar_wire"
@@ -129,15 +129,9 @@ def assemble(
         warn_once(doubts, f"{label}: {facets.doubt}")
     for point in points:
         _check_size(f'{label}: point_scatterer "{point.name}"', point.position)
-    for wire in wires:
-        _check_size(f'{label}: radar_wire "{wire.name}"', wire.ends)
-    for scatterer in scatterers:
-        _check_size(f'{label}: {scatterer.kind} "{scatterer.name}"', scatterer.position)
-    for volume in volumes:
-        _check_size(f'{label}: volume "{volume.name}"', volume.vertices)
-    positions = np.array([p.position for p in points]).reshape(-1, 3)
-    own = positions_of(tuple(scatterers))
-    places = np.concatenate([positions, own, wire_ends(tuple(wires)), *(v.vertices for v in volumes)])
+    for target in scatterers:
+        _check_size(f'{label}: {target.kind} "{target.name}"', target.places)
+    places = joined_rows([*(p.position[None] for p in points), *(t.places for t in scatterers)], (0, 3))
     if geometry.n_faces or len(places):
         offset = _offset(geometry, places)
     else:
@@ -167,9 +161,7 @@ def assemble(
         offset=offset,
         notes=(*notes, *repairs, *doubts, *radar_notes, *_black(label, surfaces, materials)),
         description=radar,
-        wires=tuple(wire.moved(-offset) for wire in wires),
-        volumes=tuple(replace(v, vertices=v.vertices - offset) for v in volumes),
-        scatterers=tuple(scatterer.moved(-offset) for scatterer in scatterers),
+        scatterers=tuple(target.moved(-offset) for target in scatterers),
     )
 
 
@@ -180,7 +172,6 @@ def seen_by(
     materials: Sequence[Material],
     radar: RadarInput,
     offset: F64,
-    volumes: Sequence[Volume] = (),
 ) -> tuple[Radar, ImageRequest, tuple[str, ...]]:
     """Radar and image request of a description over a geometry, and notes.
 

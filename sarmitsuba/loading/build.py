@@ -17,20 +17,18 @@ from sarmitsuba.loading.attributes import at_corners
 from sarmitsuba.loading.collect import Collector
 from sarmitsuba.loading.describe import Described
 from sarmitsuba.loading.elements import Element
-from sarmitsuba.loading.tables import INTEGRATOR, RADAR_MATERIAL, RADAR_VOLUME
-from sarmitsuba.loading.volume_book import closed_volume
+from sarmitsuba.loading.scatterer_shapes import ShapeKind
+from sarmitsuba.loading.tables import INTEGRATOR, RADAR_MATERIAL
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.radar.description import RadarDescription, RadarInput
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.materials.material import Material
-from sarmitsuba.scene.materials.vegetation.canopy import VolumeMedium
 from sarmitsuba.scene.motion import STILL, Motion
-from sarmitsuba.scene.scatterers import ScattererTarget
+from sarmitsuba.scene.scatterers import SCATTERERS, Medium, Target
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.scene.wires import WireTarget
 
 if TYPE_CHECKING:
     import trimesh
@@ -88,14 +86,14 @@ class SceneVolume:
     ----------
     vertices : (n_vertices, 3) float, m, of a closed mesh
     faces : (n_faces, 3) vertex numbers
-    medium : a `VolumeMedium`; the name of a preset, such as ``"deciduous_summer"``; or parameters of ``radar_volume``
-        by name
+    medium : a :class:`sarmitsuba.scene.materials.vegetation.canopy.VolumeMedium`; the name of a preset, such as
+        ``"deciduous_summer"``; or parameters of ``radar_volume`` by name
     name : for notes and errors
     """
 
     vertices: ArrayLike
     faces: ArrayLike
-    medium: VolumeMedium | str | Mapping[str, Value]
+    medium: Medium | str | Mapping[str, Value]
     name: str = "volume"
 
 
@@ -103,10 +101,10 @@ class SceneVolume:
 def build_scene(
     meshes: Sequence[SceneMesh] = (),
     points: Sequence[PointTarget] = (),
-    wires: Sequence[WireTarget] = (),
+    wires: Sequence[Target] = (),
     *,
     volumes: Sequence[SceneVolume] = (),
-    scatterers: Sequence[ScattererTarget] = (),
+    scatterers: Sequence[Target] = (),
     radar: RadarDescription | None = None,
     film: FilmDescription | None = None,
     settings: TraceSettings | None = None,
@@ -155,8 +153,7 @@ def build_scene(
             elements.append((mesh.material, index))
         collector.surfaces.append(_surface(mesh, index, name))
     collector.points.extend(points)
-    collector.wires.extend(wires)
-    collector.scatterers.extend(scatterers)
+    collector.scatterers.extend([*wires, *scatterers])
     for volume in volumes:
         _add_volume(collector, volume, name)
     if ground is not None:
@@ -216,15 +213,16 @@ def _material(collector: Collector, mesh: SceneMesh, label: str) -> int:
 def _add_volume(collector: Collector, volume: SceneVolume, label: str) -> None:
     where = f'{label}: volume "{volume.name}"'
     vertices, faces = _triangles(volume.vertices, volume.faces, where)
-    medium = volume.medium
-    if isinstance(medium, VolumeMedium):
-        collector.volumes.volumes.append(closed_volume(volume.name, vertices, faces, medium, 0.0, where))
-        return
-    values: Mapping[str, Value] = {"preset": medium} if isinstance(medium, str) else medium
-    known = next((e for e in collector.volumes.elements if e.values == dict(values)), None)
-    name = str(values.get("preset", "")) or volume.name
-    element = known or Element("bsdf", RADAR_VOLUME.plugin, name, where, Path(), dict(values))
-    collector.volumes.add(volume.name, vertices, faces, element, where)
+    kind, content = SCATTERERS["radar_volume"], volume.medium
+    assert isinstance(kind, ShapeKind)
+    if isinstance(content, str | Mapping):
+        values: Mapping[str, Value] = {"preset": content} if isinstance(content, str) else content
+        name = str(values.get("preset", "")) or volume.name
+        element = Element("bsdf", kind.name, name, where, Path(), dict(values))
+        filling: Element | Medium = collector.reading.known(element)
+    else:
+        filling = content
+    collector.scatterers += kind.read_mesh(volume.name, vertices, faces, filling, where, collector.reading)
 
 
 def _triangles(vertices: ArrayLike, faces: ArrayLike, where: str) -> tuple[F64, I32]:

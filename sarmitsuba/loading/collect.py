@@ -1,4 +1,4 @@
-"""Shapes of a scene collected one after the other: surfaces with their materials, ideal points, wires and volumes."""
+"""Shapes of a scene collected one after the other: surfaces with their materials, ideal points and scatterers."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,7 +9,7 @@ import numpy as np
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import GuessWarning, SceneError
-from sarmitsuba.core.parameters import Value, float_value, printable
+from sarmitsuba.core.parameters import Value, printable
 from sarmitsuba.core.units import power_from_db
 from sarmitsuba.loading import tables
 from sarmitsuba.loading.assemble import MeshSurface, assemble
@@ -21,21 +21,18 @@ from sarmitsuba.loading.names_of_materials import DEFAULT, is_doubtful, kind_of
 from sarmitsuba.loading.notes import warn_once
 from sarmitsuba.loading.overrides import Overrides
 from sarmitsuba.loading.radar_ground import PLUGIN, LevelGround, ground_element, read_ground
+from sarmitsuba.loading.scatterer_shapes import Reading, read_targets
 from sarmitsuba.loading.shapes import MeshReader, Placed, mesh_path, sphere_center
-from sarmitsuba.loading.volume_book import RADAR_VOLUME, VolumeBook
-from sarmitsuba.loading.wire_shapes import wires
 from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.scene.geometry import PointTarget
-from sarmitsuba.scene.materials.bsdfs import wire_permittivity
 from sarmitsuba.scene.materials.map_materials import map_attributes
 from sarmitsuba.scene.mesh.cleaning import single_precision_step
 from sarmitsuba.scene.mesh.model_units import doubtful_size
 from sarmitsuba.scene.mesh.smooth_groups import smooth_groups
 from sarmitsuba.scene.mesh.smooth_surface import facet_sagitta, smooth_surface
 from sarmitsuba.scene.motion import STILL, Motion
-from sarmitsuba.scene.scatterers import SCATTERERS, ScattererTarget
+from sarmitsuba.scene.scatterers import SCATTERERS, Target
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.wires import WireTarget
 
 # sagitta of facets over the wavelength: at 1/32 facets act as a grating whose lobes change a sphere's return by up to 1
 # dB with the direction, a cylinder's by as much; at 1/512 by 0.1 dB
@@ -69,8 +66,7 @@ class Collector:
     notes: list[str] = field(default_factory=list)
     surfaces: list[MeshSurface] = field(default_factory=list)
     points: list[PointTarget] = field(default_factory=list)
-    wires: list[WireTarget] = field(default_factory=list)
-    scatterers: list[ScattererTarget] = field(default_factory=list)
+    scatterers: list[Target] = field(default_factory=list)
     grounds: list[LevelGround] = field(default_factory=list)
     n_faces: int = 0
 
@@ -79,11 +75,11 @@ class Collector:
         self.book = MaterialBook(
             frequency, self.overrides, self.notes, self.described.settings.default_rms_height
         )
-        self.volumes = VolumeBook(frequency, self.overrides)
         self.reader = MeshReader(SAGITTA_OVER_WAVELENGTH * SPEED_OF_LIGHT / frequency, self.notes)
+        self.reading = Reading(frequency, self.overrides, self.notes, self.reader)
 
     def add_shape(self, placed: Placed, bsdf: Element | None) -> None:
-        """Add a shape element: a surface, or by its bsdf an ideal point, wires or a volume.
+        """Add a shape element: a surface, or by its bsdf an ideal point or scatterers.
 
         Raises
         ------
@@ -93,13 +89,7 @@ class Collector:
             self.points.append(self._point(placed, bsdf))
             return
         if bsdf is not None and bsdf.plugin in SCATTERERS:
-            self.scatterers.append(self._scatterer(placed, bsdf))
-            return
-        if bsdf is not None and bsdf.plugin == tables.RADAR_WIRE.plugin:
-            self.wires.extend(self._wires(placed, bsdf))
-            return
-        if bsdf is not None and bsdf.plugin == RADAR_VOLUME.plugin:
-            self.volumes.add_shape(placed, bsdf, self.reader)
+            self.scatterers.extend(read_targets(placed, bsdf, self.reading))
             return
         if placed.element.plugin == PLUGIN:
             bsdf, level, extent = read_ground(placed, bsdf)
@@ -224,8 +214,6 @@ class Collector:
             self.described.radar,
             self.described.settings,
             self.notes,
-            self.wires,
-            self.volumes.volumes,
             self.scatterers,
             self.grounds,
         )
@@ -277,35 +265,6 @@ class Collector:
                 BYTES_PER_FACE * self.n_faces,
                 "make curved shapes smaller or fewer, or take a mesh of fewer faces",
             )
-
-    def _wires(self, placed: Placed, bsdf: Element) -> list[WireTarget]:
-        """Wires of a shape with ``radar_wire``."""
-        values, given = self.overrides.read(bsdf, tables.RADAR_WIRE)
-        permittivity, note = wire_permittivity(values, given, self.book.frequency, bsdf.where)
-        if note:
-            warn_once(self.notes, f"{bsdf.where.partition(':')[0]}: {note}")
-        return wires(placed, permittivity, self.book.frequency)
-
-    def _scatterer(self, placed: Placed, bsdf: Element) -> ScattererTarget:
-        """Scatterer of a user's own kind, at the centre of a sphere element and turned as it is."""
-        kind, shape = SCATTERERS[bsdf.plugin], placed.element
-        values, _ = self.overrides.read(bsdf, kind.table)
-        if shape.plugin != "sphere":
-            raise SceneError(f"{shape.where}: {kind.name} is on a {shape.plugin}; put it on a sphere")
-        if not placed.motion.still:
-            raise SceneError(f"{shape.where}: {kind.name} on a shape that moves; leave its velocity out")
-        if "radius" in shape.given():
-            raise SceneError(
-                f"{shape.where}: the sphere of a {kind.name} gives its place and axes only; leave radius out"
-                + (" and set that of the bsdf" if "radius" in values else "")
-            )
-        missing = [p.name for p in kind.parameters if values[p.name] is None]
-        if missing:
-            raise SceneError(f"{bsdf.where}: {kind.name} has no {missing[0]}; give it a number")
-        linear = placed.to_world[:3, :3]
-        position = linear @ sphere_center(shape) + placed.to_world[:3, 3]
-        numbers = {parameter.name: float_value(values, parameter.name) for parameter in kind.parameters}
-        return ScattererTarget(placed.name, kind.name, position, linear, numbers)
 
     def _point(self, placed: Placed, bsdf: Element) -> PointTarget:
         """Ideal scatterer at the centre of a sphere element."""

@@ -4,7 +4,7 @@ import re
 
 from sarmitsuba.effects.effect import effects
 from sarmitsuba.loading.shapes import SHAPE_PARAMETERS
-from sarmitsuba.loading.tables import TABLES
+from sarmitsuba.loading.tables import plugin_tables
 from sarmitsuba.radar.mode import MODES
 from sarmitsuba.scene.materials.bsdfs import ADAPTER_BSDFS, ORDINARY_BSDFS
 from sarmitsuba.scene.materials.diffuse_law import LAWS
@@ -24,8 +24,9 @@ def fill_tables(page: str) -> str:
 
 
 def _table(name: str) -> str:
-    if name in TABLES:
-        table = TABLES[name]
+    plugins = plugin_tables()
+    if name in plugins:
+        table = plugins[name]
         return f"{table.doc}\n\n{table.markdown()}" if table.rows else table.doc
     tables = {
         "effects": _effects,

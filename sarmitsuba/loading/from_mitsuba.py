@@ -13,10 +13,12 @@ from sarmitsuba.loading.describe import describe
 from sarmitsuba.loading.elements import Element, Property
 from sarmitsuba.loading.notes import warn_once
 from sarmitsuba.loading.overrides import Overrides
+from sarmitsuba.loading.scatterer_shapes import ShapeKind
 from sarmitsuba.loading.shapes import Placed
 from sarmitsuba.machine.backend import mi
 from sarmitsuba.scene.materials.bsdfs import ADAPTER_BSDFS
 from sarmitsuba.scene.mesh.model_units import ShapeExtent, y_ground
+from sarmitsuba.scene.scatterers import SCATTERERS
 from sarmitsuba.scene.scene import Scene
 
 _NAME = "scene"
@@ -75,8 +77,10 @@ def scene_from_mitsuba(
         bsdf = shape.bsdf()
         element = bsdfs.setdefault(id(bsdf), _bsdf(bsdf))
         name = shape.id() or f"shape_{number}"
-        if shape.is_mesh() and element.plugin == tables.RADAR_VOLUME.plugin:
-            collector.volumes.add(name, *_mesh(shape), element, f'{_NAME}: shape "{name}"')
+        kind = SCATTERERS[element.plugin] if element.plugin in SCATTERERS else None
+        if shape.is_mesh() and isinstance(kind, ShapeKind):
+            where = f'{_NAME}: shape "{name}"'
+            collector.scatterers += kind.read_mesh(name, *_mesh(shape), element, where, collector.reading)
         elif shape.is_mesh() and element.plugin != tables.POINT_SCATTERER.plugin:
             material = collector.book.index(element, f'{_NAME}: shape "{name}"')
             vertices, faces = _mesh(shape)
@@ -184,7 +188,7 @@ def _nested(bsdf: "mi.BSDF") -> "list[mi.BSDF]":
 
 def _plugin(class_name: str) -> str:
     lower = class_name.lower()
-    return class_name if class_name in tables.TABLES else _BSDF_CLASSES.get(lower, lower)
+    return class_name if class_name in tables.plugin_tables() else _BSDF_CLASSES.get(lower, lower)
 
 
 def _scalar(value: "mi.Float") -> float:

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 
 from sarmitsuba.core.errors import ExtensionError, SceneError
-from sarmitsuba.loading import tables
 from sarmitsuba.loading.collect import Collector
 from sarmitsuba.loading.describe import describe
 from sarmitsuba.loading.elements import Element, walk
@@ -25,11 +24,12 @@ from sarmitsuba.loading.overrides import check_used, split_parameters
 from sarmitsuba.loading.plugins import register_plugins
 from sarmitsuba.loading.references import check_meshes
 from sarmitsuba.loading.shapes import SHAPE_PARAMETERS, placed_shapes
+from sarmitsuba.loading.tables import TABLES, plugin_tables
 from sarmitsuba.loading.xml import check_dict, parse_dict, parse_file, read_text
 from sarmitsuba.machine.backend import mi
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.scene.materials.bsdfs import ADAPTER_BSDFS, ORDINARY_BSDFS
-from sarmitsuba.scene.scatterers import scatterer_tables
+from sarmitsuba.scene.scatterers import SCATTERERS
 from sarmitsuba.scene.scene import Scene
 
 _DICT = "dict"
@@ -53,7 +53,7 @@ _ELEMENTS = (
     ),
 )
 # names that kinds of scatterers cannot have
-_TAKEN = frozenset({*tables.TABLES, *ORDINARY_BSDFS, *ADAPTER_BSDFS, *SHAPE_PARAMETERS, *_ELEMENTS})
+_TAKEN = frozenset({*TABLES, *ORDINARY_BSDFS, *ADAPTER_BSDFS, *SHAPE_PARAMETERS, *_ELEMENTS})
 
 
 @exclusive
@@ -95,13 +95,12 @@ def load_scene(
     Files and dicts keep positions in float64. An ``mi.Scene``, and a dict that holds objects made by Mitsuba, has
     vertices in float32, good to 1e-7 of their distance from the origin, and meshes merged by material.
     """
-    own = scatterer_tables()
-    for name in own:
+    known = plugin_tables()
+    for name in SCATTERERS.names:
         if name in _TAKEN:
             raise ExtensionError(
                 f"kind of scatterer {name!r}: that is a name of the scene format or a plugin of Mitsuba; take another"
             )
-    known = tables.TABLES | own
     plain, overrides = split_parameters(parameters or {}, known)
     file = resolve(scene) if isinstance(scene, Path | str) else None
     scene = check_dict(scene, _DICT) if isinstance(scene, Mapping) else scene

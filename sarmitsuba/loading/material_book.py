@@ -27,18 +27,12 @@ from sarmitsuba.scene.materials.diffuse import diffuse_tables
 from sarmitsuba.scene.materials.map_materials import with_parts
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.materials.typical import typical_surface
+from sarmitsuba.scene.scatterers import SCATTERERS
 
 _SIONNA = ("itu-radio-material", "radio-material", "absorber-radio-material")
 _MAX_NESTING = 16
 # names of BSDFs without an id, which say nothing of a material
 _NUMBERED = re.compile(r"[a-z]+_\d+")
-
-# BSDFs that are no surface, and the shapes that they belong to
-_ALONE = {
-    tables.POINT_SCATTERER.plugin: "a sphere",
-    tables.RADAR_WIRE.plugin: "a cylinder or a linearcurve",
-    tables.RADAR_VOLUME.plugin: "a closed shape",
-}
 
 
 @dataclass
@@ -120,6 +114,7 @@ class MaterialBook:
         plugin, where = bsdf.plugin, bsdf.where
         if depth > _MAX_NESTING:
             raise SceneError(f"{where}: BSDFs are nested more than {_MAX_NESTING} deep; flatten them")
+        _refuse_scatterers(plugin, where)
         itu = sionna_itu_name(bsdf.id) if plugin not in tables.TABLES else ""
         if itu:
             surface = typical_surface(itu, self.frequency, self.rms_height)
@@ -142,8 +137,6 @@ class MaterialBook:
             ):
                 # Sionna's usual case: a note, no warning
                 self._say(f"{where.partition(':')[0]}: {rough_note(plugin, self.rms_height)}")
-        elif plugin in _ALONE:
-            raise SceneError(f"{where}: {plugin} cannot be nested; put it directly on {_ALONE[plugin]}")
         elif plugin in ADAPTER_BSDFS or plugin == tables.HOLDER.plugin:
             return self._nested(bsdf, name, depth)
         elif plugin in tables.TABLES:
@@ -209,3 +202,11 @@ class MaterialBook:
             if isinstance(weight, int | float) and weight >= 0.5:
                 pick = inner[1]
         return self._material(pick, name, depth + 1)
+
+
+def _refuse_scatterers(plugin: str, where: str) -> None:
+    """Raise a SceneError for a BSDF that is no surface."""
+    point = plugin == tables.POINT_SCATTERER.plugin
+    if point or plugin in SCATTERERS:
+        shape = "a sphere" if point else SCATTERERS[plugin].on
+        raise SceneError(f"{where}: {plugin} cannot be nested; put it directly on {shape}")

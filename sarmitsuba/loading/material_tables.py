@@ -29,7 +29,7 @@ _EXTENT = Param(
     "corner, such as `-50 -50 50 50`; left out: they lie on the mesh's texture coordinates",
 )
 
-_PERMITTIVITY = (
+PERMITTIVITY = (
     Param(
         "material",
         "string",
@@ -63,7 +63,7 @@ RADAR_MATERIAL = ParamTable(
     },
     more=_own_parameters,
     params=(
-        *_PERMITTIVITY,
+        *PERMITTIVITY,
         Param(
             "thickness",
             "float",
@@ -192,15 +192,6 @@ POINT_SCATTERER = ParamTable(
         Param("rcs_dbsm", "float", 0.0, "radar cross section", "dBsm", -200.0, 200.0),
         Param("phase_deg", "float", 0.0, "phase of its reflectivity", "deg", -360.0, 360.0),
     ),
-)
-
-RADAR_WIRE = ParamTable(
-    plugin="radar_wire",
-    element="bsdf",
-    doc="On a `cylinder` or `linearcurve`: wires, which scatter by the series of the infinite cylinder; no ray hits "
-    "them, and they cast no shadow. Perfect conductors by default.",
-    hints={"rms_height": "wires are smooth", "diffuse_law": "wires are smooth"},
-    params=_PERMITTIVITY,
 )
 
 _COLORS = tuple(

@@ -59,9 +59,10 @@ def register_plugins() -> tuple[str, ...]:
     names = []
     for path in sorted(folder.glob("[!_]*.py")):
         module = importlib.import_module(f"{_PACKAGE}.{path.stem}")
-        names += [
-            vars(cls)[_NAME] for cls in vars(module).values() if isinstance(cls, type) and _NAME in vars(cls)
+        classes = [
+            cls for cls in (*vars(module).values(), *getattr(module, "BSDFS", ())) if isinstance(cls, type)
         ]
+        names += [vars(cls)[_NAME] for cls in classes if _NAME in vars(cls)]
     return tuple(names)
 
 

@@ -9,13 +9,12 @@ from sarmitsuba.loading.material_tables import (
     LAND_COVER,
     POINT_SCATTERER,
     RADAR_MATERIAL,
-    RADAR_WIRE,
     RADIO_MATERIAL,
 )
-from sarmitsuba.loading.volume_book import RADAR_VOLUME
 from sarmitsuba.radar.description import SENSOR
 from sarmitsuba.radar.film import FILM
 from sarmitsuba.scene.materials.typical import ORDINARY_RMS_HEIGHT
+from sarmitsuba.scene.scatterers import SCATTERERS
 from sarmitsuba.scene.settings import METHODS, TOLERANCE_DB
 
 
@@ -177,6 +176,7 @@ INTEGRATOR = ParamTable(
     ),
 )
 
+# of the plugins other than kinds of scatterers
 TABLES: dict[str, ParamTable] = {
     table.plugin: table
     for table in (
@@ -185,15 +185,19 @@ TABLES: dict[str, ParamTable] = {
         INTEGRATOR,
         RADAR_MATERIAL,
         LAND_COVER,
-        RADAR_WIRE,
         POINT_SCATTERER,
-        RADAR_VOLUME,
         ITU_RADIO_MATERIAL,
         RADIO_MATERIAL,
         ABSORBER,
         HOLDER,
     )
 }
+
+
+def plugin_tables() -> dict[str, ParamTable]:
+    """Parameter tables of all plugins, kinds of scatterers included, by name."""
+    return TABLES | {kind.name: kind.table for kind in SCATTERERS}
+
 
 __all__ = [
     "ABSORBER",
@@ -204,9 +208,8 @@ __all__ = [
     "LAND_COVER",
     "POINT_SCATTERER",
     "RADAR_MATERIAL",
-    "RADAR_VOLUME",
-    "RADAR_WIRE",
     "RADIO_MATERIAL",
     "SENSOR",
     "TABLES",
+    "plugin_tables",
 ]

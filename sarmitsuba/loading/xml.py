@@ -12,7 +12,7 @@ from sarmitsuba.core.errors import SceneError
 from sarmitsuba.core.parameters import did_you_mean, one_line
 from sarmitsuba.loading.elements import Element, plain_value
 from sarmitsuba.loading.references import check_document, check_files
-from sarmitsuba.loading.tables import TABLES
+from sarmitsuba.loading.tables import plugin_tables
 from sarmitsuba.machine import regular_files
 from sarmitsuba.machine.backend import mi
 
@@ -233,9 +233,10 @@ def _kind(node_type: str, plugin: str, label: str) -> str:
     kind = node_type.rpartition(".")[2].lower()
     if kind != "unknown":
         return kind
-    if plugin not in TABLES:
-        raise SceneError(f'{label}: there is no plugin "{one_line(plugin)}"{did_you_mean(plugin, TABLES)}')
-    return TABLES[plugin].element
+    known = plugin_tables()
+    if plugin not in known:
+        raise SceneError(f'{label}: there is no plugin "{one_line(plugin)}"{did_you_mean(plugin, known)}')
+    return known[plugin].element
 
 
 def _parser_message(text: str, path: Path) -> str:

@@ -15,10 +15,8 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.motion import STILL
-from sarmitsuba.scene.scatterers import ScattererTarget, positions_of
+from sarmitsuba.scene.scatterers import Target, joined_rows, targets_by_kind
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.scene.volumes import Volume
-from sarmitsuba.scene.wires import WireTarget, wire_ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +34,8 @@ class Scene:
         5 km, or 500 m and twenty times its own size, from the file's origin; whole metres then
     notes : one line each: assumptions and repairs made while loading
     description : parameters that radar and film were made from; None where they were not made from any
-    wires : straight round ones that scatter by a closed form
-    volumes : closed volumes that waves go through
-    scatterers : at known positions, of kinds of a user's own
+    scatterers : beside the meshes: wires, volumes that waves go through, and kinds of a user's own, in the order of
+        their kinds
     """
 
     name: str
@@ -52,9 +49,7 @@ class Scene:
     offset: F64 = field(default_factory=lambda: np.zeros(3))
     notes: tuple[str, ...] = ()
     description: RadarInput | None = None
-    wires: tuple[WireTarget, ...] = ()
-    volumes: tuple[Volume, ...] = ()
-    scatterers: tuple[ScattererTarget, ...] = ()
+    scatterers: tuple[Target, ...] = ()
 
     @staticmethod
     def of(given: "SceneLike", **loading: object) -> "Scene":
@@ -93,26 +88,48 @@ class Scene:
 
     @property
     def places(self) -> F64:
-        """Positions of points and bounds of wires and volumes, (n, 3) float64, m, scene frame."""
+        """Positions of points and outlines of scatterers, (n, 3) float64, m, scene frame."""
         positions = np.array([p.position for p in self.points]).reshape(-1, 3)
         return np.concatenate([positions, self.source_places])
 
     @property
     def source_places(self) -> F64:
         """(n, 3) float64, m, scene frame: the same without ideal points."""
-        volumes = [volume.vertices for volume in self.volumes]
-        return np.concatenate([self.segments.reshape(-1, 3), *volumes])
+        return joined_rows((target.places for target in self.scatterers), (0, 3))
 
     @property
     def segments(self) -> F64:
-        """(n, 2, 3) float64, m, scene frame: ends of what no ray hits, wires and scatterers, those twice one place."""
-        ends = [wire_ends(self.wires), np.repeat(positions_of(self.scatterers), 2, axis=0)]
-        return np.concatenate(ends).reshape(-1, 2, 3)
+        """(n, 2, 3) float64, m, scene frame: pieces of line of the scatterers, of points both ends the same."""
+        return joined_rows((target.segments for target in self.scatterers), (0, 2, 3))
+
+    @property
+    def bodies(self) -> tuple[Target, ...]:
+        """Scatterers that are bodies, outlined by their places."""
+        return tuple(target for target in self.scatterers if not len(target.segments))
+
+    def of_kind(self, kind: str) -> tuple[Target, ...]:
+        """Scatterers with a bsdf, such as ``radar_wire``."""
+        return tuple(target for target in self.scatterers if target.kind == kind)
+
+    def without_kind(self, kind: str) -> "Scene":
+        """The scene less the scatterers with a bsdf; itself where there are none."""
+        left = tuple(target for target in self.scatterers if target.kind != kind)
+        return self if len(left) == len(self.scatterers) else replace(self, scatterers=left)
+
+    @property
+    def wires(self) -> tuple[Target, ...]:
+        """Wires of the scene."""
+        return self.of_kind("radar_wire")
+
+    @property
+    def volumes(self) -> tuple[Target, ...]:
+        """Volumes that waves go through."""
+        return self.of_kind("radar_volume")
 
     @property
     def has_sources(self) -> bool:
-        """True with scatterers that are not in the mesh and not ideal points (wires, volumes)."""
-        return bool(self.wires or self.volumes or self.scatterers)
+        """True with scatterers that are not in the mesh and not ideal points."""
+        return bool(self.scatterers)
 
     @property
     def traced(self) -> bool:
@@ -120,10 +137,8 @@ class Scene:
         return self.geometry.n_faces > 0 or self.has_sources
 
     def same_shapes(self, other: "Scene") -> bool:
-        """Whether another scene shares the same mesh, wires and volumes; ideal points are not compared."""
-        beside = self.wires == other.wires and self.volumes == other.volumes
-        beside &= self.scatterers == other.scatterers
-        return beside and self.geometry.equals(other.geometry)
+        """Whether another scene shares the same mesh and scatterers; ideal points are not compared."""
+        return self.scatterers == other.scatterers and self.geometry.equals(other.geometry)
 
     def replace(self, **changes: object) -> "Scene":
         """Scene with other parameters and the same geometry: ``scene.replace(look_angle_deg=40.0, prf=900.0)``.
@@ -160,9 +175,7 @@ class Scene:
         parts = [
             f"{self.geometry.n_faces} faces in {len(self.geometry.mesh_names)} meshes",
             f"{len(self.points)} points" if self.points else "",
-            f"{len(self.wires)} wires" if self.wires else "",
-            f"{len(self.volumes)} volumes" if self.volumes else "",
-            f"{len(self.scatterers)} scatterers" if self.scatterers else "",
+            *(f"{len(mine)} {kind.plural}" for kind, mine in targets_by_kind(self.scatterers).items()),
             f"{moving} moving" if moving else "",
             f"{radar.mode} {radar.waveform.center_frequency / 1e9:.4g} GHz {'/'.join(radar.channels)}",
             f"{radar.track.n_pulses} pulses",

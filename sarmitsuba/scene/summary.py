@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sarmitsuba.scene.scatterers import SCATTERERS, ScattererKind, kinds_in_order
 from sarmitsuba.scene.scene import Scene
 
 
@@ -40,9 +41,7 @@ class SceneSummary:
             "size": size,
             "materials": [scene.materials[i].name for i in used],
             "points": len(scene.points),
-            "wires": len(scene.wires),
-            "volumes": len(scene.volumes),
-            "scatterers": len(scene.scatterers),
+            **self._counts(),
             "mode": radar.mode,
             "center_frequency": radar.waveform.center_frequency,
             "bandwidth": radar.waveform.bandwidth,
@@ -57,11 +56,18 @@ class SceneSummary:
             "notes": list(scene.notes),
         }
 
+    def _counts(self) -> dict[str, int]:
+        """Number of scatterers of each kind, by the kind's plural."""
+        counts = {kind.plural: 0 for kind in kinds_in_order()} | {ScattererKind.plural: 0}
+        for target in self.scene.scatterers:
+            counts[SCATTERERS[target.kind].plural] += 1
+        return counts
+
     def __str__(self) -> str:
         """Shapes, materials, radar, image, notes."""
         facts, scene, radar, image = self.as_dict(), self.scene, self.scene.radar, self.scene.image
         x, y, z = np.ptp(scene.geometry.bounds, axis=0)
-        counted = ("points", "wires", "volumes", "scatterers")
+        counted = ("points", *self._counts())
         parts = [f"{facts['faces']} faces in {facts['meshes']} meshes, {x:.4g} m x {y:.4g} m x {z:.4g} m"]
         parts += [f"{facts[name]} {name}" for name in counted if facts[name]]
         names = [scene.materials[i].name for i in np.unique(scene.geometry.face_material).tolist()]

@@ -93,8 +93,9 @@ def scene_plan(scene: Scene, *, whole_beam: bool = False) -> Figure:
         )
         axes.add_collection(faces)
         figure.colorbar(faces, ax=axes, label="height (m)")
-    for number, line in enumerate(scene.wires):
-        axes.plot(*line.ends[:, :2].T, "b-", linewidth=0.8, label="" if number else "lines")
+    lines = [ends for ends in scene.segments if (ends[0] != ends[1]).any()]
+    for number, ends in enumerate(lines):
+        axes.plot(*ends[:, :2].T, "b-", linewidth=0.8, label="" if number else "lines")
     if scene.points:
         place = np.array([point.position for point in scene.points])
         axes.plot(place[:, 0], place[:, 1], "r+", label="points")

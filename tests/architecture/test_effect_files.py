@@ -22,7 +22,7 @@ def kernel_flags() -> list[str]:
 
 def readers(flag: str) -> list[str]:
     """Files that read a flag, or hold its stage, other than the effect itself; relative to the package."""
-    reads = re.compile(rf"flags\.{flag}\b")
+    reads = re.compile(rf"(?<!site\.)flags\.{flag}\b")  # a site's flags plan a source, and record nothing
     stage = re.compile(rf'name: ClassVar\[str\] = "{flag}"')
     found = []
     for path in sorted(PACKAGE.rglob("*.py")):

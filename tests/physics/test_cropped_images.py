@@ -17,12 +17,12 @@ from sarmitsuba.scene.materials.vegetation.canopy import water_cloud
 from sarmitsuba.scene.mesh import tessellate
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.scene.wires import WireTarget
 from sarmitsuba.signal.focusing.ideal import ideal_echoes
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.simulation.planning.sampling.folding import check_folding
 from sarmitsuba.simulation.planning.sampling.launch_window import launch_windows
+from sarmitsuba.tracing.scatterers.wires.kind import WireTarget
 from tests.support.draws import few_of
 from tests.support.unweighted import focus, render
 

@@ -17,7 +17,6 @@ from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.mesh import surface_samples as sampling
 from sarmitsuba.scene.mesh.surface_samples import SurfaceSamples, surface_samples
 from sarmitsuba.simulation.planning.pilot import plan_scene
-from sarmitsuba.simulation.planning.sources.pair_estimate import PairEcho, pair_echo
 from sarmitsuba.tracing.kernel.accumulators import SumAccumulator
 from sarmitsuba.tracing.kernel.kernel import KernelSettings
 from sarmitsuba.tracing.kernel.launch import LaunchFrame, LaunchGrid, PulseBatch
@@ -26,6 +25,7 @@ from sarmitsuba.tracing.kernel.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.tracing.kernel.source import launches
 from sarmitsuba.tracing.kernel.state import Kernel
 from sarmitsuba.tracing.scatterers.pairs.diffuse_pairs import PairSource
+from sarmitsuba.tracing.scatterers.pairs.pair_estimate import PairEcho, pair_echo
 from sarmitsuba.tracing.scatterers.pairs.pair_search import SurfacePairs, find_pairs
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation import targets

@@ -18,12 +18,12 @@ from sarmitsuba.scene.materials.slab import slab_coefficients
 from sarmitsuba.signal.metrics import point_target_in
 from sarmitsuba.simulation.execution import tracing
 from sarmitsuba.simulation.execution.rcs import monostatic_rcs
-from sarmitsuba.simulation.planning.sources.site import Site
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.leg import Leg
 from sarmitsuba.tracing.kernel.source import PointSource, Scatterers, Source
 from sarmitsuba.tracing.kernel.state import Kernel
 from sarmitsuba.tracing.scatterers.slabs.slab_coefficients import slab
+from sarmitsuba.tracing.scatterers.sources import Site
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation import targets
 from sarmitsuba.truth.validation.band_sampling import X_BAND, X_WAVELENGTH

@@ -12,12 +12,12 @@ from sarmitsuba.machine.backend import dr, ensure_backend, mi
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.simulation.execution import run, tracing
 from sarmitsuba.simulation.execution.batches import built
-from sarmitsuba.simulation.planning.sources.site import Site
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.leg import Leg
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene
 from sarmitsuba.tracing.kernel.source import PointSource, Scatterers, Source
 from sarmitsuba.tracing.kernel.state import Kernel
+from sarmitsuba.tracing.scatterers.sources import Site
 
 GROUND = np.array([[-30.0, -30.0, 0.0], [30.0, -30.0, 0.0], [30.0, 30.0, 0.0], [-30.0, 30.0, 0.0]])
 FACES = [[0, 1, 2], [0, 2, 3]]

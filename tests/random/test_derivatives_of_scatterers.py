@@ -12,7 +12,7 @@ from sarmitsuba import Material, PointTarget, Scene
 from sarmitsuba.apps.fit.forward_model import ForwardModel
 from sarmitsuba.apps.fit.parsing import parse
 from sarmitsuba.core.errors import SceneError
-from sarmitsuba.scene.wires import WireTarget
+from sarmitsuba.tracing.scatterers.wires.kind import WireTarget
 from tests.support.differences import compared_all, drawn
 
 pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")
@@ -34,7 +34,7 @@ def wired(seed: int) -> Scene:
     ends = [rng.uniform([6.0, -9.0, 0.5], [9.0, 9.0, 4.0], (2, 3)) for _ in range(6)]
     wires = tuple(WireTarget(f"wire{i}", start, end, 0.02) for i, (start, end) in enumerate(ends))
     scene = with_effects(drawn(seed, "metal"), 3, diffuse_pairs="off", edge_diffraction="off")
-    return replace(scene, wires=wires)
+    return replace(scene, scatterers=wires)
 
 
 def pointed(seed: int) -> Scene:

@@ -282,7 +282,7 @@ SCENE = """<scene version="3.0.0"><sensor type="sar_antenna"><film type="range_f
 <shape type="sphere">{shape}<bsdf type="{bsdf}"/></shape></scene>"""
 
 
-@pytest.mark.parametrize("name", ["diffuse", "sphere", "to_world", "twosided", "radar_wire"])
+@pytest.mark.parametrize("name", ["diffuse", "sphere", "to_world", "twosided", "point_scatterer"])
 def test_a_kind_with_a_name_of_mitsuba_is_refused(
     register: Callable[..., None], tmp_path: Path, name: str
 ) -> None:

@@ -12,8 +12,8 @@ from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.planning.prediction.prediction import Prediction, predict
 from sarmitsuba.simulation.planning.prediction.speed import Machine
-from sarmitsuba.simulation.planning.sources.kind import expected_sources
-from sarmitsuba.simulation.planning.sources.site import RunSite
+from sarmitsuba.simulation.planning.site import RunSite
+from sarmitsuba.tracing.scatterers.sources import expected_sources
 
 # stages that are over when the forecast is said
 BEFORE = {"build", "plan"}

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from sarmitsuba.core.errors import ExtensionError, RadarError, SceneError
 from sarmitsuba.core.parameters import Param, ParamTable, did_you_mean
-from sarmitsuba.loading.tables import INTEGRATOR, SENSOR, TABLES
+from sarmitsuba.loading.tables import INTEGRATOR, SENSOR, plugin_tables
 
 WHERE = 'scene.xml: sensor "radar"'
 
@@ -83,7 +83,7 @@ def test_text_of_the_command_line_is_parsed_by_kind() -> None:
 @settings(max_examples=50)
 @given(st.floats(allow_nan=True) | st.integers() | st.text(max_size=8) | st.booleans() | st.none())
 def test_every_parameter_takes_or_refuses_anything(value: object) -> None:
-    for one in TABLES.values():
+    for one in plugin_tables().values():
         for param in one.rows:
             try:
                 read = one.read({param.name: value}, WHERE)[param.name]
@@ -95,7 +95,7 @@ def test_every_parameter_takes_or_refuses_anything(value: object) -> None:
 
 
 def test_every_default_is_within_its_own_bounds() -> None:
-    for one in TABLES.values():
+    for one in plugin_tables().values():
         for param in one.rows:
             if param.default in ("", None):  # not given; choices apply to given values only
                 continue
@@ -103,7 +103,7 @@ def test_every_default_is_within_its_own_bounds() -> None:
 
 
 def test_every_parameter_is_documented() -> None:
-    for one in TABLES.values():
+    for one in plugin_tables().values():
         assert one.doc.endswith(".")
         for param in one.rows:
             assert param.doc or param.name == "conductivity"

@@ -6,6 +6,7 @@ import pytest
 from sarmitsuba.loading.format_doc import fill_tables
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.loading.tables import TABLES
+from sarmitsuba.scene.scatterers import SCATTERERS
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = DOCS / "scene_format.md"
@@ -23,6 +24,7 @@ def test_the_page_holds_every_plugin() -> None:
     text = PAGE.read_text(encoding="utf-8")
     assert set(re.findall(r"<!-- table: ([\w-]+) -->", text)) == {
         *TABLES,
+        *SCATTERERS.own_names,
         "laws",
         "modes",
         "itu",

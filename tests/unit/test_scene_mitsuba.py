@@ -13,6 +13,7 @@ from sarmitsuba.loading.from_mitsuba import scene_from_mitsuba
 from sarmitsuba.loading.library import resolve
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.loading.tables import TABLES
+from sarmitsuba.scene.scatterers import SCATTERERS
 
 MIXED = """<scene version="3.0.0">
 <integrator type="sar_path"><integer name="max_depth" value="2"/><string name="speckle" value="off"/></integrator>
@@ -45,7 +46,10 @@ def mi():
 def test_every_documented_plugin_is_registered() -> None:
     names = set(sarmitsuba.register_plugins())
     left_to_sionna = {"itu-radio-material", "radio-material", "absorber-radio-material", "holder-material"}
-    assert names | (left_to_sionna if "sionna.rt" in sys.modules else set()) == set(TABLES)
+    assert names | (left_to_sionna if "sionna.rt" in sys.modules else set()) == {
+        *TABLES,
+        *SCATTERERS.own_names,
+    }
 
 
 def test_the_same_scene_by_both_routes(mi, tmp_path: Path) -> None:

@@ -13,8 +13,8 @@ _MOST_BYTES = 10_000_000
 
 
 def shape_names(scene: Scene) -> tuple[str, ...]:
-    """Names of all shapes of a scene: meshes, points, wires, volumes, scatterers."""
-    beside = (scene.points, scene.wires, scene.volumes, scene.scatterers)
+    """Names of all shapes of a scene: meshes, points, scatterers."""
+    beside = (scene.points, scene.scatterers)
     return tuple(
         dict.fromkeys([*scene.geometry.mesh_names, *(thing.name for many in beside for thing in many)])
     )

@@ -330,15 +330,13 @@ def _slant_position(radar: Radar, grid: ImageGrid) -> F64:
 def geometric_notes(scene: Scene) -> tuple[str, ...]:
     """What the geometric labels leave out of a scene, a line each."""
     notes = []
-    bare = len(scene.points) + len(scene.wires) + len(scene.scatterers)
+    bare = len(scene.points) + len(scene.scatterers) - len(scene.bodies)
     if bare:
         notes.append(
             f"{bare} point targets, wires and scatterers have no surface: they are in no layer of geometry"
         )
-    if scene.volumes:
-        notes.append(
-            f"{len(scene.volumes)} volumes count as transparent: no layover, and no shadow of theirs"
-        )
+    if scene.bodies:
+        notes.append(f"{len(scene.bodies)} volumes count as transparent: no layover, and no shadow of theirs")
     if any(m.thickness for m in scene.materials):
         notes.append("slabs that waves go through count as opaque")
     if with_endless_ground(scene) is not scene:

@@ -15,28 +15,30 @@ from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.ground import level_rim
 from sarmitsuba.scene.materials.map_materials import with_parts
 from sarmitsuba.scene.materials.material import Material
-from sarmitsuba.scene.scatterers import ScattererTarget
+from sarmitsuba.scene.scatterers import ScattererKind, Target, kinds_in_order, targets_by_kind
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.volumes import Volume
-from sarmitsuba.scene.wires import WireTarget
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.tracing.kernel.path_groups import IS_GROUND, MECHANISMS, MOST_OWNERS, PathOwners
 from sarmitsuba.tracing.kernel.source import Launch
 from sarmitsuba.tracing.scatterers.edges.diffraction import FringeCurrents
 from sarmitsuba.tracing.scatterers.edges.fold_waves import FoldWaves
-from sarmitsuba.tracing.scatterers.reflectors.reflector import Reflectors
 
 # places along the sides of triangles by which the mesh of an edge is found, at most
 _SIDES = 200_000
 _CONTINUED = " (continued)"
 # material of echoes whose place has none, and all that stand for one where there is no surface
 OTHER = "other"
-NO_SURFACE_MATERIALS = ("wire", "volume", "scatterer", "point", OTHER)
+
+
+def no_surface_materials() -> tuple[str, ...]:
+    """Materials of echoes that belong to no surface."""
+    kinds = (*(kind.mechanism for kind in kinds_in_order()), ScattererKind.mechanism)
+    return (*dict.fromkeys(kinds), "point", OTHER)
 
 
 @dataclass(frozen=True, eq=False)
 class SceneShapes:
-    """Shapes of a scene in one list: meshes, wires, volumes, scatterers, ideal points.
+    """Shapes of a scene in one list: meshes, scatterers by their kinds, ideal points.
 
     Parameters
     ----------
@@ -151,10 +153,7 @@ class SceneOwners:
             owner = self._of_meshes(self._mesh[self._sides(found.middle[count])])
         elif name == "diffuse pair" and found is not None:
             owner = self._of_pairs(found.face[count])
-        elif isinstance(found, Reflectors):
-            number = [self.shapes.number(name, target.name) for target in found.targets[count]]
-            owner = np.array([self._owner(shape, name) for shape in number], dtype=np.int64)
-        elif name in ("wire", "volume") and found is not None:
+        elif name in self._of_kind and found is not None:
             owner = self._of_kind[name][found.owner[count]]
         else:
             owner = np.full(part.count, self._other)
@@ -197,14 +196,12 @@ def material_names(materials: Sequence[Material]) -> list[str]:
     return [material.name.removesuffix(_CONTINUED) for material in with_parts(materials)]
 
 
-def _beside_mesh(scene: Scene) -> "dict[str, Sequence[WireTarget | Volume | ScattererTarget | PointTarget]]":
-    """Shapes other than meshes, by kind."""
-    return {
-        "wire": scene.wires,
-        "volume": scene.volumes,
-        "scatterer": scene.scatterers,
-        "point": scene.points,
-    }
+def _beside_mesh(scene: Scene) -> "dict[str, list[Target | PointTarget]]":
+    """Shapes other than meshes, by the mechanism of their echoes."""
+    found: dict[str, list[Target | PointTarget]] = {}
+    for kind, targets in targets_by_kind(scene.scatterers).items():
+        found.setdefault(kind.mechanism, []).extend(targets)
+    return found | {"point": list(scene.points)}
 
 
 def _mesh_of_faces(scene: Scene, geometry: Geometry) -> I64:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sarmitsuba.analysis.labels.classes import check_used
-from sarmitsuba.analysis.labels.owners import NO_SURFACE_MATERIALS
+from sarmitsuba.analysis.labels.owners import no_surface_materials
 from sarmitsuba.apps.datasets.drawn_shapes import (
     InstanceMesh,
     box,
@@ -185,7 +185,8 @@ class Drawer:
         else:
             sections = (self.recipe.sections[name] for name in (GROUND, *PLACED))
             found = {text for s in sections if "material" in s.drawn for text in s.drawn["material"].texts}
-        return (*sorted(found - set(NO_SURFACE_MATERIALS)), *NO_SURFACE_MATERIALS)
+        no_surface = no_surface_materials()
+        return (*sorted(found - set(no_surface)), *no_surface)
 
     def check_classes(self) -> None:
         """Raise a DataError where [classes] names a shape that no scene of the recipe has."""

@@ -1,12 +1,14 @@
 """Scatterers of kinds of a user's own."""
 
 import dataclasses
+from collections import Counter
 from collections.abc import Mapping
 
 import numpy as np
 
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.scene.scatterers import is_own
 from sarmitsuba.scene.scene import Scene
 
 
@@ -22,16 +24,15 @@ class OwnScatterers(Effect):
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
-        targets = context.scene.scatterers
-        if not targets:
+        counts = Counter(target.kind for target in context.scene.scatterers if is_own(target))
+        if not counts:
             return Assessment(False, "none", -np.inf)
-        kinds = dict.fromkeys(target.kind for target in targets)
-        counts = [f"{sum(t.kind == kind for t in targets)} {kind}" for kind in kinds]
-        return Assessment(True, ", ".join(counts), 0.0)
+        return Assessment(True, ", ".join(f"{count} {kind}" for kind, count in counts.items()), 0.0)
 
     def without(self, scene: Scene) -> Scene:
         """The scene without them."""
-        return dataclasses.replace(scene, scatterers=())
+        left = tuple(target for target in scene.scatterers if not is_own(target))
+        return dataclasses.replace(scene, scatterers=left)
 
 
 EFFECTS.register(OwnScatterers())

@@ -9,8 +9,7 @@ from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
-from sarmitsuba.scene.materials.material import Material
-from sarmitsuba.scene.materials.vegetation.canopy import VolumeMedium
+from sarmitsuba.scene.scatterers import Medium, targets_by_kind
 
 
 class TemporalDecorrelation(Effect):
@@ -55,10 +54,11 @@ class TemporalDecorrelation(Effect):
         return {"temporal": on and changes and context.scene.settings.pass_days != 0.0}
 
 
-def _changing(context: SceneContext, *, diffuse: bool) -> list[Material | VolumeMedium]:
-    """Diffuse surfaces and media of volumes that lose coherence between passes."""
-    found: list[Material | VolumeMedium] = [m for m in context.materials if diffuse and m.scatters]
-    found += [volume.medium for volume in context.scene.volumes]
+def _changing(context: SceneContext, *, diffuse: bool) -> list[Medium]:
+    """Diffuse surfaces and media of bodies that lose coherence between passes."""
+    found: list[Medium] = [m for m in context.materials if diffuse and m.scatters]
+    for kind, targets in targets_by_kind(context.scene.scatterers).items():
+        found += kind.media(targets)
     return [m for m in found if m.temporal_coherence < 1.0]
 
 

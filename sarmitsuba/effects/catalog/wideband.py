@@ -16,7 +16,7 @@ from sarmitsuba.scene.materials.fresnel import fresnel
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.materials.sea_spectrum import angular_frequency
 from sarmitsuba.scene.materials.slab import COSINES, slab_coefficients
-from sarmitsuba.scene.scatterers import SCATTERERS
+from sarmitsuba.scene.scatterers import SCATTERERS, is_own
 from sarmitsuba.signal.raw.sub_bands import SubBands
 
 # least number of traced frequencies (exact for changes linear in frequency), and the largest number
@@ -157,9 +157,8 @@ class Wideband(Effect):
 def _of_extensions(context: SceneContext) -> tuple[int, str]:
     """Frequencies that scatterers and effects of a user's own ask for, and the name of the one that asks for most."""
     switches = context.scene.settings.effects
-    kinds = {target.kind: SCATTERERS[target.kind].frequencies for target in context.scene.scatterers}
-    if switches.get("own_scatterers") == "off":
-        kinds = {}
+    own = [target.kind for target in context.scene.scatterers if is_own(target)]
+    kinds = {name: SCATTERERS[name].frequencies for name in own if switches.get("own_scatterers") != "off"}
     asked = kinds | {e.name: e.frequencies for e in EFFECTS if switches.get(e.name) != "off"}
     name = max(asked, key=lambda key: asked[key])
     return asked[name], name

@@ -88,7 +88,7 @@ def radar_material(
     -------
     material, a warning and a note about the surface assumed (both may be empty)
     """
-    _exclusive(given, where)
+    refuse_two_permittivities(given, where)
     values, assumed = _with_assumed(values, given, frequency, where, rms_height)
     law = LAWS[string_value(values, "diffuse_law")]
     _check_law(law, values, given, where)
@@ -119,7 +119,7 @@ def radar_material(
     if "conductivity" in given:
         real, conductivity = (float_value(values, key) for key in ("permittivity_real", "conductivity"))
         surface = replace(surface, dispersion=Dispersion(real=real, conductivity=conductivity))
-    return _material(name, _permittivity(values, given, frequency), surface), "", assumed
+    return _material(name, given_permittivity(values, given, frequency), surface), "", assumed
 
 
 def _with_assumed(
@@ -144,7 +144,7 @@ def _with_assumed(
     if law_given or "rms_height" in given:
         return values, ""
     if not kind:
-        eps = _permittivity(values, given, frequency)
+        eps = given_permittivity(values, given, frequency)
         return values, "" if eps == 1.0 else "a smooth mirror: give rms_height for a rough surface, or smooth"
     surface = typical_surface(kind, frequency, rms_height)
     if not surface.scatters:
@@ -178,21 +178,9 @@ def _own_values(
     return {p.name: float_value(values, p.name) for p in known if p.name in given}
 
 
-def wire_permittivity(
-    values: Mapping[str, Value | None], given: frozenset[str], frequency: float, where: str
-) -> tuple[complex | None, str]:
-    """Relative permittivity of a validated ``radar_wire`` element, None for a conductor, and a note (may be empty)."""
-    if not given & {"material", "permittivity_real", "permittivity_imag", "conductivity"}:
-        return None, ""
-    _exclusive(given, where)
-    kind = string_value(values, "material")
-    if not kind:
-        return _permittivity(values, given, frequency), ""
-    entry = MATERIALS[kind]
-    return (None, "") if entry.pec else (entry.permittivity(frequency), entry.note(frequency))
-
-
-def _permittivity(values: Mapping[str, Value | None], given: frozenset[str], frequency: float) -> complex:
+def given_permittivity(
+    values: Mapping[str, Value | None], given: frozenset[str], frequency: float
+) -> complex:
     """Permittivity from ``permittivity_real`` with its loss or conductivity."""
     real = float_value(values, "permittivity_real")
     if "conductivity" in given:
@@ -457,7 +445,8 @@ def _check_slab(surface: Material, kind: str, where: str) -> None:
         )
 
 
-def _exclusive(given: frozenset[str], where: str) -> None:
+def refuse_two_permittivities(given: frozenset[str], where: str) -> None:
+    """Raise a SceneError where a permittivity is given in no way, or in two."""
     if not given & {"material", "permittivity_real"}:
         raise SceneError(
             f"{where}: neither material nor permittivity_real is given; give one, for example "

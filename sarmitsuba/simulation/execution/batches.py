@@ -17,11 +17,11 @@ from sarmitsuba.simulation.execution.statistics import TraceStatistics
 from sarmitsuba.simulation.execution.tracing import MAX_GRID_BYTES, MAX_LANES, Tracer
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.planning.sampling.rays import Rays
-from sarmitsuba.simulation.planning.sources.kind import passages_of
 from sarmitsuba.tracing.kernel.accumulators import GridAccumulator
 from sarmitsuba.tracing.kernel.launch import LaunchGrid
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.tracing.kernel.source import Part
+from sarmitsuba.tracing.scatterers.sources import passages_of
 
 # positions of each antenna along the aperture, or a few more, from which corners of metal facets may be seen
 APERTURE = 32

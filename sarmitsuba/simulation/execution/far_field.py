@@ -7,13 +7,15 @@ import numpy as np
 
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.effects.fold_sections import Folds
 from sarmitsuba.scene.mesh.sharp_edges import SharpEdges
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.execution.error_statement import followed_folds
 from sarmitsuba.simulation.planning.sampling.density_plan import CELLS_PER_RESOLUTION
-from sarmitsuba.simulation.planning.sources.kind import passages_of
-from sarmitsuba.simulation.planning.sources.site import VIEW_TURN, Site
+from sarmitsuba.simulation.planning.site import VIEW_TURN
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.tracing.scatterers.edges.diffraction import edges_of
+from sarmitsuba.tracing.scatterers.sources import Site, passages_of
 
 # slant range over the radius of the target: focusing removes the curvature of the wave, which hardly changes aspects
 FAR = 1000.0
@@ -79,9 +81,19 @@ class FarSite(Site):
         self.aspects = aspects
 
     @property
-    def wire_step(self) -> float:
-        """See :class:`Site`: a wire is one node."""
-        return float("inf")
+    def cells(self) -> tuple[float, float]:
+        """See :class:`Site`: unresolved."""
+        return np.inf, np.inf
+
+    @property
+    def distance(self) -> float:
+        """See :class:`Site`: the far field."""
+        return np.inf
+
+    @cached_property
+    def folds(self) -> Folds:
+        """See :class:`Site`."""
+        return followed_folds(self.scene, self.flags, self.wavelength)
 
     @property
     def cell_area(self) -> float:
@@ -143,10 +155,11 @@ class FarSite(Site):
 
 
 def geometry_of(scene: Scene) -> TraceScene | None:
-    """Mesh of a scene on the device, with its volumes; None where there is neither."""
-    if not scene.geometry.n_faces and not scene.volumes:
+    """Mesh of a scene on the device, with what attenuates waves; None where there is neither."""
+    passages = passages_of(scene)
+    if not scene.geometry.n_faces and not passages:
         return None
     made = build_trace_scene(
         scene.geometry, scene.materials, scene.radar.waveform.wavelength, places=scene.places
     )
-    return replace(made, passages=passages_of(scene))
+    return replace(made, passages=passages)

@@ -40,9 +40,8 @@ def fingerprint(scene: Scene, extensions: Sequence[str] = ()) -> str:
 
 
 def shapes_hash(scene: Scene) -> str:
-    """Hash of what a scene holds for the radar to see: geometry, materials, points, wires, volumes, scatterers."""
-    seen = (scene.geometry, scene.materials, scene.points, scene.wires, scene.volumes, scene.scatterers)
-    return _hash((*seen, scene.offset))
+    """Hash of what a scene holds for the radar to see: geometry, materials, points, scatterers."""
+    return _hash((scene.geometry, scene.materials, scene.points, scene.scatterers, scene.offset))
 
 
 def _hash(content: object) -> str:

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C64, F32, F64, I64
+from sarmitsuba.scene.scatterers import targets_by_kind
+from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.look import adjoint_cells, form_image
 from sarmitsuba.signal.focusing.look_parts import GridPart, PartImages, PowerResponse
 from sarmitsuba.signal.raw.sub_bands import RangeFilter
@@ -110,7 +112,7 @@ class GroupedLook:
         present = self._random_mechanisms()
         each = 16 * fine.n_range * fine.n_azimuth * (1 << (n_channels - 1).bit_length())
         together = max(1, int(MAX_GRID_BYTES // each))
-        terms = RANDOM_TERMS if flags.depolarisation or run.scene.volumes else 1
+        terms = RANDOM_TERMS if flags.depolarisation or _random_kinds(run.scene) else 1
         marked = np.zeros(self.owners.n_groups * tiling.n, dtype=bool)
         groups_of_slots = [present[i : i + together] for i in range(0, len(present), together)] or [()]
         for slots in groups_of_slots:
@@ -138,13 +140,12 @@ class GroupedLook:
     def _random_mechanisms(self) -> tuple[int, ...]:
         """Mechanisms of random echoes that the run may have."""
         plan, scene = self.imager.run.plan, self.imager.run.scene
-        there = {
+        there = dict.fromkeys(_random_kinds(scene), True) | {
             "diffuse": plan.flags.diffuse,
             "diffuse after mirror": plan.flags.diffuse and plan.flags.multi_bounce,
-            "volume": bool(scene.volumes),
             "diffuse pair": plan.flags.diffuse_pairs,
         }
-        return tuple(i for i in RANDOM if there[MECHANISMS[i]])
+        return tuple(i for i in RANDOM if there.get(MECHANISMS[i], False))
 
     def _sum(self, rays: tuple[LaunchGrid, ...], tiling: Tiling, wanted: NDArray[np.intp]) -> None:
         """Trace the sums of the wanted tiles of groups."""
@@ -307,3 +308,8 @@ def _first_term_of_pairs(term: int) -> Callable[[Launch], bool]:
         return found is None or getattr(found(launch.part), "mechanism", "") != MECHANISMS[PAIR]
 
     return wanted
+
+
+def _random_kinds(scene: Scene) -> set[str]:
+    """Mechanisms of the scatterers of a scene whose amplitudes are random."""
+    return {kind.mechanism for kind in targets_by_kind(scene.scatterers) if kind.random}

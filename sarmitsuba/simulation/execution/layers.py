@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.raw.raw_data import Layer
-from sarmitsuba.simulation.planning.sources.kind import most_bounces
+from sarmitsuba.tracing.scatterers.sources import most_bounces
 
 
 @dataclass(frozen=True)

@@ -116,7 +116,7 @@ class FullWaveTarget:
             why = f"{scene.materials[other].name} is not a perfect conductor"
         elif flags.roughness or flags.diffuse:
             why = "surfaces are rough"
-        elif scene.wires or scene.volumes or scene.scatterers:
+        elif scene.scatterers:
             why = "wires, volumes and scatterers of extensions are no part of the equations"
         elif np.ptp(faces.corners.reshape(-1, 3), axis=0).max() < SMALLEST * wavelength:
             why = f"the body is smaller than {SMALLEST:g} wavelengths"

@@ -19,8 +19,7 @@ from sarmitsuba.simulation.execution.pulses import AntennaStates
 from sarmitsuba.simulation.execution.recording import Recording
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
-from sarmitsuba.simulation.planning.sources.kind import sources_of
-from sarmitsuba.simulation.planning.sources.site import RunSite
+from sarmitsuba.simulation.planning.site import RunSite
 from sarmitsuba.tracing.derivatives.path_derivatives import differentiate, record_beside
 from sarmitsuba.tracing.derivatives.tangents import TangentPlan
 from sarmitsuba.tracing.kernel.accumulators import BlockAccumulator, DirectAccumulator, GridAccumulator
@@ -31,6 +30,7 @@ from sarmitsuba.tracing.kernel.source import Launch, Source, launches
 from sarmitsuba.tracing.kernel.state import Kernel
 from sarmitsuba.tracing.kernel.surfaces import Surfaces
 from sarmitsuba.tracing.kernel.tubes.polygon import INNER_UP_TO
+from sarmitsuba.tracing.scatterers.sources import sources_of
 
 # lanes of one launch; bounds the memory of a batch whatever the number of pulses
 MAX_LANES = 8_000_000

@@ -45,10 +45,10 @@ from sarmitsuba.simulation.planning.sampling.refined_spacing import (
     finer_spacing,
     worst,
 )
-from sarmitsuba.simulation.planning.sources.kind import passages_of, sources_of
-from sarmitsuba.simulation.planning.sources.pair_estimate import pair_level
 from sarmitsuba.tracing.kernel.source import Source
 from sarmitsuba.tracing.kernel.stage import STAGES
+from sarmitsuba.tracing.scatterers.pairs.pair_estimate import pair_level
+from sarmitsuba.tracing.scatterers.sources import passages_of, sources_of
 
 # cosine of the elevation below which H and V are defined by the azimuth, since the direction is nearly vertical
 STEEP = 1e-3
@@ -433,8 +433,7 @@ def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple
         spreading=True,
         extra=plan.flags.extra - near,
     )
-    left = plan.apply(scene)
-    kept = dataclasses.replace(scene, wires=left.wires, volumes=left.volumes, scatterers=left.scatterers)
+    kept = dataclasses.replace(scene, scatterers=plan.apply(scene).scatterers)
     return kept, flags, plan.max_depth
 
 

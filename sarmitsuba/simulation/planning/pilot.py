@@ -33,9 +33,9 @@ from sarmitsuba.simulation.planning.pilot_patches import (
 )
 from sarmitsuba.simulation.planning.prediction.speed import run_seconds
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
-from sarmitsuba.simulation.planning.sources.pair_estimate import pair_level
-from sarmitsuba.simulation.planning.sources.site import RunSite
+from sarmitsuba.simulation.planning.site import RunSite
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene, build_trace_scene
+from sarmitsuba.tracing.scatterers.pairs.pair_estimate import pair_level
 
 # bounces traced at first, and at most where the last of them still returns too much
 ORDERS, MOST_ORDERS = 8, 128

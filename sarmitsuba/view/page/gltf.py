@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64, I32
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.scatterers import targets_by_kind
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.wires import WireTarget
 
 # most faces drawn smoothly by a browser with software rendering; larger meshes are simplified on a grid
 MOST_FACES = 400_000
@@ -66,44 +66,29 @@ def page_mesh(geometry: Geometry, center: F64, most_faces: int = MOST_FACES) -> 
 def drawn(scene: Scene) -> tuple[Geometry, tuple[str, ...]]:
     """Geometry that a page draws of a scene, in the file's frame, and the names of its materials.
 
-    It consists of the meshes, and of the wires as one mesh of three-sided prisms.
+    It consists of the meshes, and of one mesh for every kind of scatterers that is drawn, such as wires.
     """
     geometry, names = scene.geometry, tuple(material.name for material in scene.materials)
     vertices, faces = [geometry.vertices], [geometry.faces]
-    if scene.wires:
-        names = (*names, "metal wires")
-        prisms = [_prism(wire) for wire in scene.wires]
-        first = len(geometry.vertices) + np.arange(len(prisms))[:, None, None] * len(prisms[0])
-        vertices += prisms
-        faces.append((first + _PRISM_FACES).reshape(-1, 3))
-        more = len(prisms) * len(_PRISM_FACES)
+    for kind, targets in targets_by_kind(scene.scatterers).items():
+        found = kind.drawn(targets, 8.0 * GRID)
+        if found is None:
+            continue
+        names = (*names, kind.shown_as)
+        faces.append(sum(map(len, vertices)) + found[1])
+        vertices.append(found[0])
+        more = len(found[1])
         geometry = replace(
             geometry,
             face_material=np.append(geometry.face_material, np.full(more, len(names) - 1, dtype=np.int32)),
             face_group=np.append(geometry.face_group, np.full(more, -1, dtype=np.int32)),
-            mesh_names=(*geometry.mesh_names, "wires"),
-            mesh_face_offset=np.append(geometry.mesh_face_offset, geometry.n_faces + more),
+            mesh_names=(*geometry.mesh_names, kind.plural),
+            mesh_face_offset=np.append(geometry.mesh_face_offset, geometry.mesh_face_offset[-1] + more),
             mesh_convex=(),
             mesh_motion=(),
         )
     at = np.concatenate(vertices) + scene.offset
     return replace(geometry, vertices=at, faces=np.concatenate(faces).astype(np.int32)), names
-
-
-# faces of a prism whose first three corners are those of one end
-_PRISM_FACES = np.array(
-    [f for i in range(3) for f in ([i, (i + 1) % 3, i + 3], [(i + 1) % 3, (i + 1) % 3 + 3, i + 3])]
-)
-
-
-def _prism(wire: WireTarget) -> F64:
-    """Corners of the prism of a wire, (6, 3), at least as thick as the grid of stored positions."""
-    axis = (wire.end - wire.start) / wire.length
-    x = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-    x /= np.linalg.norm(x)
-    angle = 2.0 * np.pi / 3.0 * np.arange(3)[:, None]
-    rim = max(wire.radius, 8.0 * GRID) * (np.cos(angle) * x + np.sin(angle) * np.cross(axis, x))
-    return np.concatenate([wire.start + rim, wire.end + rim])
 
 
 def _fewer(

@@ -37,11 +37,11 @@ from sarmitsuba.simulation.planning.prediction.speed import (
     scatterers_met,
 )
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
-from sarmitsuba.simulation.planning.sources.kind import Expected, expected_sources
-from sarmitsuba.simulation.planning.sources.site import RunSite
+from sarmitsuba.simulation.planning.site import RunSite
 from sarmitsuba.tracing.kernel.accumulators import grid_numbers
 from sarmitsuba.tracing.kernel.launch import Purpose
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene
+from sarmitsuba.tracing.scatterers.sources import Expected, expected_sources
 
 # bytes of one ray: coordinates; and while its lattice is sorted, twice these, a key and an index
 RAY, SORTED_RAY = 8, 28

@@ -210,8 +210,8 @@ def _lit_mesh(
     image = scene.image
     middle = np.array([image.center_x, image.center_y, image.height])
     moving = [(corners.reshape(-1, 3) - middle) @ axes.T for corners in swept(scene, pulses)]
-    volumes = [(volume.vertices - middle) @ axes.T for volume in scene.volumes]
-    local = np.concatenate([(scene.geometry.vertices - middle) @ axes.T, *moving, *volumes])
+    bodies = [(body.places - middle) @ axes.T for body in scene.bodies]
+    local = np.concatenate([(scene.geometry.vertices - middle) @ axes.T, *moving, *bodies])
     if not local.size:
         return None, False
     footprint = SectorFootprint.of(image, away, incidence, local)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.registry import Calling, checked_type
@@ -76,10 +77,18 @@ class Reflectors(Scatterers):
     kind : of all
     targets : where they stand
     weights : (n,) of their amplitudes
+    owner : (n,) number of each among the targets of all kinds of a user's own; None: in this order
     """
 
-    def __init__(self, kind: Reflector, targets: Sequence[ScattererTarget], weights: F64) -> None:
-        self.kind, self.n, self.targets = kind, len(targets), tuple(targets)
+    def __init__(
+        self,
+        kind: Reflector,
+        targets: Sequence[ScattererTarget],
+        weights: F64,
+        owner: NDArray[np.intp] | None = None,
+    ) -> None:
+        self.kind, self.n = kind, len(targets)
+        self.owner = np.arange(self.n) if owner is None else owner
         self.positions = vector_rows(np.array([target.position for target in targets]))
         axes = np.array([target.axes.T.ravel() for target in targets], dtype=np.float32)
         self.axes = device_array(mi.Float, axes.ravel())

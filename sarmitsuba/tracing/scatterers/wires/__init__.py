@@ -1,1 +1,1 @@
-"""Wires: nodes of thin conductors."""
+"""Wires: what a scene holds of them (`kind`), their series (`cylinder`), their echoes and cost (`source`)."""

@@ -8,9 +8,9 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.mesh.surface_samples import surface_samples
-from sarmitsuba.simulation.planning.sources.pair_estimate import pair_echo
 from sarmitsuba.tracing.kernel.leg import Surroundings
 from sarmitsuba.tracing.kernel.scene_tables import build_trace_scene
+from sarmitsuba.tracing.scatterers.pairs.pair_estimate import pair_echo
 from sarmitsuba.tracing.scatterers.pairs.pair_search import find_pairs
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation import targets

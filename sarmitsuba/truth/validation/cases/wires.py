@@ -1,7 +1,5 @@
 """Wires, rails and posts against the series of the circular cylinder, a mesh, the handbook and image theory."""
 
-import dataclasses
-
 import numpy as np
 
 from sarmitsuba.core.arrays import C128, F64
@@ -9,9 +7,9 @@ from sarmitsuba.core.units import db_from_power
 from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.wires import WireTarget
 from sarmitsuba.simulation.execution.rcs import monostatic_rcs
 from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
+from sarmitsuba.tracing.scatterers.wires.kind import WireTarget
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation import targets
 from sarmitsuba.truth.validation.band_sampling import X_BAND, X_WAVELENGTH
@@ -224,7 +222,7 @@ def post(quick: bool = False) -> Case:
             rcs_sweep(s, aspects, channels=("HH", "VV"), checked=0, most_rays=2000).result.amplitude.sum(
                 axis=1
             )
-            for s in (scene, dataclasses.replace(scene, wires=()))
+            for s in (scene, scene.without_kind("radar_wire"))
         )
         closed = np.array(
             [theory.post_amplitude(radius, height, X_WAVELENGTH, t, eps) for t in np.radians(theta)]

@@ -1,4 +1,4 @@
-"""Echoes of wires: the infinite-cylinder current, integrated over rows of nodes by linear (hat) functions."""
+"""Echoes of wires: the current of the infinite cylinder, integrated over rows of nodes by linear (hat) functions."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.machine.backend import dr, mi
-from sarmitsuba.scene.materials.cylinder import NUMBERS, cylinder_table
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.device_arrays import device_array, vector_rows
 from sarmitsuba.tracing.kernel.leg import Leg
-from sarmitsuba.tracing.kernel.source import Scatterers
+from sarmitsuba.tracing.kernel.source import PointSource, Scatterers, Source
+from sarmitsuba.tracing.scatterers.sources import SOURCES, Expected, Site, SourceKind, most_bounces
+from sarmitsuba.tracing.scatterers.wires.cylinder import NUMBERS, cylinder_table, table_size
+from sarmitsuba.tracing.scatterers.wires.kind import WireTarget, wires_of
 
 if TYPE_CHECKING:
-    from sarmitsuba.scene.wires import WireTarget
     from sarmitsuba.tracing.kernel.state import Kernel
 
 
@@ -28,6 +29,10 @@ if TYPE_CHECKING:
 NEAR_PHASE = 0.02
 # nodes in a resolution cell
 PER_RANGE_CELL, PER_AZIMUTH_CELL = 4.0, 8.0
+# seconds of a reference core: for laying out a node, for a table entry per order, and for tracing a node
+NODE_LAID, NUMBER_LAID, NODE_TRACED = 1e-6, 1.1e-7, 1e-6
+# bytes of a node and of a table entry while they are laid out
+NODE_BYTES, NUMBER_BYTES = 300, 150
 # point from which the visibility of an end is decided: the middle of its part of the wire, in lengths of that part
 PROBE = 1.0 / 3.0
 
@@ -295,3 +300,44 @@ def _azimuth(axis: mi.Vector3f, legs: Sequence[_WireLeg]) -> mi.Float:
     turn = dr.dot(legs[0].across, legs[1].across)
     side = dr.dot(dr.cross(legs[0].across, legs[1].across), axis)
     return dr.atan2(side, turn)
+
+
+class WireRows(SourceKind):
+    """Wires as rows of nodes."""
+
+    name, rank = "wires", 10
+
+    def made(self, site: Site) -> Source | None:
+        """See :class:`SourceKind`."""
+        wires = wires_of(site.scene.scatterers)
+        if not wires:
+            return None
+        nodes = cut(wires, _step(site))
+        nodes = nodes.weighted(site.shares(nodes.point))
+        if not len(nodes.point):
+            return None
+        return PointSource(WireScatterers(nodes, wires, site.wavelength), most_bounces(site.scene))
+
+    def expected(self, site: Site, sub_bands: int) -> Expected | None:
+        """Cost from the number of nodes, and of tables for each thickness and material at each frequency."""
+        wires = wires_of(site.scene.scatterers)
+        if not wires:
+            return None
+        step, wavenumber = _step(site), 2.0 * np.pi / site.wavelength
+        nodes = sum(wire.length / step + 2.0 for wire in wires)
+        tables = [
+            table_size(wavenumber * radius, eps)
+            for radius, eps in {(wire.radius, wire.permittivity) for wire in wires}
+        ]
+        terms = sum(tilts * azimuths * orders for tilts, azimuths, orders in tables)
+        numbers = max(tilts * azimuths for tilts, azimuths, _ in tables)
+        making = nodes * NODE_LAID + sub_bands * terms * NUMBER_LAID
+        return Expected(nodes, making, NODE_TRACED, nodes * NODE_BYTES + numbers * NUMBER_BYTES)
+
+
+def _step(site: Site) -> float:
+    """Largest distance between the nodes of wires, m; infinite in the far field, where a wire is one piece."""
+    return longest_step(*site.cells, site.distance, site.wavelength)
+
+
+SOURCES.register(WireRows())

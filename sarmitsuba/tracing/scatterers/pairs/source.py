@@ -1,16 +1,15 @@
 """Random pairs of mutually visible diffuse scatterers."""
 
-from sarmitsuba.simulation.planning.sources.kind import SOURCES, Expected, SourceKind
-from sarmitsuba.simulation.planning.sources.pair_estimate import (
+from sarmitsuba.tracing.kernel.source import Source
+from sarmitsuba.tracing.scatterers.pairs.diffuse_pairs import PairSource
+from sarmitsuba.tracing.scatterers.pairs.pair_estimate import (
     PILOT_POINTS,
     estimate_pairs,
     expected_pair_points,
     pilot_cell,
     run_pairs,
 )
-from sarmitsuba.simulation.planning.sources.site import Site
-from sarmitsuba.tracing.kernel.source import Source
-from sarmitsuba.tracing.scatterers.pairs.diffuse_pairs import PairSource
+from sarmitsuba.tracing.scatterers.sources import SOURCES, Expected, Site, SourceKind
 
 # seconds of a reference core: for laying out a point, for tracing a pair, and for the draw that estimates their level
 POINT_LAID, PAIR_TRACED, LEVEL = 1e-6, 2.5e-7, 0.25

@@ -9,7 +9,7 @@ from sarmitsuba.core.errors import ExtensionError
 from sarmitsuba.core.units import power_from_db
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.radar.polarisation import linear_parts
-from sarmitsuba.scene.scatterers import ScattererTarget, positions_of
+from sarmitsuba.scene.scatterers import ScattererTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.tracing.kernel.device_arrays import device_array
 from sarmitsuba.tracing.scatterers.reflectors.reflector import Reflector, Reflectors
@@ -71,7 +71,7 @@ def amplitudes_along(scene: Scene, kind: Reflector, targets: Sequence[ScattererT
     channels = dict.fromkeys(part for c in radar.channels for _, part in linear_parts(c))
     legs = []  # of each antenna: straight, and over the ground where there is any
     for track in radar.tracks:
-        leg = track.position - positions_of(tuple(targets))[:, None]
+        leg = track.position - np.array([target.position for target in targets])[:, None]
         to = unit_rows(leg)
         legs.append([to * [1.0, 1.0, sign] for sign in (1.0, -1.0)[: _ways(scene)]])
     sent, home, e, q = [], [], [], []

@@ -13,14 +13,14 @@ from sarmitsuba.core.arrays import C128, F64
 from sarmitsuba.core.errors import RadarError
 from sarmitsuba.machine.backend import dr, ensure_backend, mi
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.scene.materials.cylinder import cylinder_table
-from sarmitsuba.scene.wires import WireTarget
 from sarmitsuba.simulation.execution.path_table import KINDS, trace_paths
 from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
-from sarmitsuba.simulation.planning.sources import site
 from sarmitsuba.tracing.kernel.leg import Leg
 from sarmitsuba.tracing.kernel.state import Kernel
-from sarmitsuba.tracing.scatterers.wires.wire_nodes import WireScatterers, cut
+from sarmitsuba.tracing.scatterers.wires import source
+from sarmitsuba.tracing.scatterers.wires.cylinder import cylinder_table
+from sarmitsuba.tracing.scatterers.wires.kind import WireTarget
+from sarmitsuba.tracing.scatterers.wires.source import WireScatterers, cut
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation.cases.wires import beside_broadside, drawn_rod
 from tests.support.unweighted import render
@@ -159,7 +159,7 @@ def test_any_cut_gives_the_same_lobes(seed: int) -> None:
     whole = rcs_sweep(scene, aspects, checked=0).result.amplitude
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            "sarmitsuba.simulation.planning.sources.catalog.wires.cut",
+            "sarmitsuba.tracing.scatterers.wires.source.cut",
             lambda lines, longest: cut(lines, 0.05),
         )
         pieces = rcs_sweep(scene, aspects, checked=0).result.amplitude
@@ -176,8 +176,8 @@ def test_the_automatic_cut_is_fine_enough(
     axis = np.array([np.sin(heading), np.cos(heading), 0.0])
     scene = wire_scene(WireTarget("wire", -5.0 * axis, 5.0 * axis, 0.005), slant_range=slant_range)
     automatic = simulate(scene, seed=1).data
-    usual = site.longest_step
-    monkeypatch.setattr(site, "longest_step", lambda *given: usual(*given) / 8.0)
+    usual = source.longest_step
+    monkeypatch.setattr(source, "longest_step", lambda *given: usual(*given) / 8.0)
     finer = simulate(scene, seed=1).data
     # tol: 0.05 dB asked for, of the strongest pulse
     assert np.abs(automatic - finer).max() < 10 ** (0.05 / 20) * np.abs(finer).max() - np.abs(finer).max()
@@ -305,7 +305,7 @@ def test_a_wall_hides_wires_and_wires_hide_nothing() -> None:
     scene = wire_scene(wire, before, meshes=(SceneMesh(WALL, FACES, black, "wall"),), **COARSE)
     assert scene.radar.track.center_position[0] < -100.0
     both = simulate(scene, seed=1).data
-    alone = simulate(replace(scene, wires=(before,)), seed=1).data
+    alone = simulate(replace(scene, scatterers=(before,)), seed=1).data
     # tol: gridding in another box
     assert np.abs(both - alone).max() < 1e-2 * np.abs(alone).max()
     with pytest.warns(UserWarning, match="visibility is switched off"):
@@ -322,7 +322,7 @@ def test_switched_off_wires_leave_the_bits_of_a_scene_without(tmp_path: Path) ->
         off = simulate(scene.replace(line_scatterers="off"), seed=1).data
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
-        without = simulate(replace(scene, wires=()), seed=1).data
+        without = simulate(replace(scene, scatterers=()), seed=1).data
         kernels = {str(kernel["hash"]) for kernel in dr.kernel_history([dr.KernelType.JIT])}
         with pytest.warns(UserWarning, match="line_scatterers is switched off"):
             again = simulate(scene.replace(line_scatterers="off"), seed=1).data

@@ -17,19 +17,26 @@ from sarmitsuba.tracing.kernel.device_arrays import device_array, vector_rows
 from sarmitsuba.tracing.kernel.intersector import intersector, query_ray
 from sarmitsuba.tracing.kernel.leg import Leg
 from sarmitsuba.tracing.kernel.scattering_matrix import Drawn, one_term
-from sarmitsuba.tracing.kernel.source import Scatterers
+from sarmitsuba.tracing.kernel.source import PointSource, Scatterers, Source
 from sarmitsuba.tracing.kernel.speckle import gaussian, mix
+from sarmitsuba.tracing.scatterers.slabs.passage import Passage
+from sarmitsuba.tracing.scatterers.sources import SOURCES, Expected, Site, SourceKind, most_bounces
+from sarmitsuba.tracing.scatterers.volumes.kind import Volume, volumes_of
 from sarmitsuba.tracing.scatterers.water.temporal import Age
 
 if TYPE_CHECKING:
     from sarmitsuba.scene.materials.vegetation.canopy import VolumeMedium
-    from sarmitsuba.scene.volumes import Volume
+    from sarmitsuba.scene.scene import Scene
     from sarmitsuba.tracing.kernel.state import Kernel
 
 Pair: TypeAlias = "tuple[mi.Float, mi.Float]"
 # both weights of a volume, from its number, the number of its medium, and the active lanes
 Weigh: TypeAlias = "Callable[[mi.UInt32, mi.UInt32, mi.Bool], Pair]"
 
+# seconds of a reference core: for laying out a cell of the lattice, and for tracing a scatterer
+CELL_LAID, SCATTERER_TRACED = 1e-6, 8e-6
+# bytes of a cell while it is laid out, and of a scatterer that is kept
+CELL_BYTES, SCATTERER_BYTES = 150, 100
 # scatterers per resolution cell on a mean path through a volume, and the least number in a volume
 PER_CELL, LEAST = 10.0, 8.0
 # number of different shrinkages (steps of a millimetre at most in scenes up to a kilometre) that separate neighbours
@@ -426,3 +433,39 @@ def _inside(surfaces: VolumeSurfaces, place: F64, volume: U32, short: float) -> 
     start = mi.Vector3f(dr.gather(mi.Vector3d, vector_rows(place), dr.arange(mi.UInt32, len(place))))
     length, _ = surfaces.within(start, _up(), dr.opaque(mi.Float, short), mi.Bool(True), is_own)
     return np.asarray(length.numpy() > 0.5 * short)
+
+
+class VolumeCells(SourceKind):
+    """Volumes as scatterers in cells of a lattice."""
+
+    name, rank = "volumes", 20
+
+    def made(self, site: Site) -> Source | None:
+        """See :class:`SourceKind`."""
+        scene, volumes = site.scene, volumes_of(site.scene.scatterers)
+        if not volumes:
+            return None
+        scatterers = volume_scatterers(volumes, site.cell_area, scene.settings.seed, site.shares)
+        return PointSource(scatterers, most_bounces(scene)) if scatterers.n else None
+
+    def expected(self, site: Site, sub_bands: int) -> Expected | None:
+        """Cost from the number of cells in the bounding boxes, and of scatterers inside the volumes."""
+        volumes, area = volumes_of(site.scene.scatterers), site.cell_area
+        if not volumes:
+            return None
+        steps = [scatterer_spacing(volume, area) for volume in volumes]
+        boxes = [
+            float(np.prod(np.ptp(volume.bounds, axis=0) / step + 1.0))
+            for volume, step in zip(volumes, steps, strict=True)
+        ]
+        kept = sum(volume.content / step**3 for volume, step in zip(volumes, steps, strict=True))
+        making = sum(boxes) * CELL_LAID
+        return Expected(kept, making, SCATTERER_TRACED, max(boxes) * CELL_BYTES + kept * SCATTERER_BYTES)
+
+    def passage(self, scene: Scene) -> Passage | None:
+        """See :class:`SourceKind`: extinction."""
+        volumes = volumes_of(scene.scatterers)
+        return volume_passage(volumes) if volumes else None
+
+
+SOURCES.register(VolumeCells())

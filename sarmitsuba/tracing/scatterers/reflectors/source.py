@@ -10,16 +10,15 @@ import numpy as np
 
 from sarmitsuba.core.errors import ExtensionError
 from sarmitsuba.core.units import power_from_db
-from sarmitsuba.scene.scatterers import SCATTERERS, positions_of
-from sarmitsuba.simulation.planning.sources.kind import SOURCES, Expected, SourceKind, most_bounces
-from sarmitsuba.simulation.planning.sources.lobes import change_in_blocks
-from sarmitsuba.simulation.planning.sources.site import Site
+from sarmitsuba.scene.scatterers import SCATTERERS, ScattererTarget, targets_by_kind
 from sarmitsuba.tracing.kernel.source import Part, PointSource, Scatterers, Source
+from sarmitsuba.tracing.scatterers.reflectors.lobes import change_in_blocks
 from sarmitsuba.tracing.scatterers.reflectors.reflector import Reflector, Reflectors
+from sarmitsuba.tracing.scatterers.sources import SOURCES, Expected, Site, SourceKind, most_bounces
 
 if TYPE_CHECKING:
     from sarmitsuba.radar.antenna import Antenna
-    from sarmitsuba.scene.scatterers import ScattererTarget
+    from sarmitsuba.scene.scene import Scene
     from sarmitsuba.tracing.kernel.kernel import Accumulator, LaneArrays, TraceCounts
     from sarmitsuba.tracing.kernel.launch import LaunchGrid
     from sarmitsuba.tracing.kernel.state import Kernel
@@ -39,28 +38,33 @@ class OwnKinds(SourceKind):
 
     def made(self, site: Site) -> Source | None:
         """See :class:`SourceKind`."""
-        targets = site.scene.scatterers
+        targets = _own_targets(site.scene)
         if not targets:
             return None
-        weights = site.shares(positions_of(targets))
+        weights = site.shares(np.array([target.position for target in targets]))
         out = []
         for kind in _kinds(targets):
             mine = [i for i, target in enumerate(targets) if target.kind == kind.name and weights[i] > 1e-6]
             if mine:
                 lit = [targets[i] for i in mine]
-                source = PointSource(
-                    Reflectors(kind, lit, np.asarray(weights[mine])), most_bounces(site.scene)
-                )
+                scatterers = Reflectors(kind, lit, np.asarray(weights[mine]), np.array(mine))
+                source = PointSource(scatterers, most_bounces(site.scene))
                 out.append(_OfKind(source, _changes(site, kind, lit)))
         return _Several(tuple(out)) if out else None
 
     def expected(self, site: Site, sub_bands: int) -> Expected | None:
         """Each as a node of a wire, and as many as a block has pulses where it is traced at every pulse."""
-        targets, traced = site.scene.scatterers, 0
+        targets, traced = _own_targets(site.scene), 0
         for kind in _kinds(targets):
             mine = [target for target in targets if target.kind == kind.name]
             traced += len(mine) * (site.block if _changes(site, kind, mine) else 1)
         return Expected(traced, 0.0, TRACED, len(targets) * BYTES) if targets else None
+
+
+def _own_targets(scene: Scene) -> list[ScattererTarget]:
+    """Scatterers of a user's own kinds, in the order of the kinds."""
+    each = (target for targets in targets_by_kind(scene.scatterers).values() for target in targets)
+    return [target for target in each if isinstance(target, ScattererTarget)]
 
 
 def _kinds(targets: Sequence[ScattererTarget]) -> list[Reflector]:

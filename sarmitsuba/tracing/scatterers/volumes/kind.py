@@ -1,16 +1,20 @@
-"""Volumes of a scene file: parameters of the BSDF ``radar_volume``, and the shapes that have it."""
+"""Volumes of a scene that waves go through (crowns of trees, hedges, stands): their bsdf, reader and effect."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
 from sarmitsuba.core.arrays import F64, I32
 from sarmitsuba.core.errors import SceneError
-from sarmitsuba.core.parameters import Param, ParamTable, Value, float_value, string_value
-from sarmitsuba.core.units import power_from_db
+from sarmitsuba.core.parameters import Param, Value, float_value, string_value
+from sarmitsuba.core.units import db_from_power, power_from_db
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.loading.elements import Element
-from sarmitsuba.loading.overrides import Overrides
+from sarmitsuba.loading.scatterer_shapes import Reading, ShapeKind
 from sarmitsuba.loading.shapes import MeshReader, Placed
 from sarmitsuba.scene.materials.change import CHANGE, change_of
 from sarmitsuba.scene.materials.vegetation.canopy import (
@@ -22,8 +26,9 @@ from sarmitsuba.scene.materials.vegetation.canopy import (
     water_cloud,
 )
 from sarmitsuba.scene.materials.vegetation.plant_pieces import Leaf, Stick
-from sarmitsuba.scene.mesh.closed import enclosed_volume, is_closed
-from sarmitsuba.scene.volumes import Volume
+from sarmitsuba.scene.mesh.closed import enclosed_volume, is_closed, surface_area
+from sarmitsuba.scene.scatterers import SCATTERERS, Medium, Target
+from sarmitsuba.scene.scene import Scene
 
 # sagitta of a spherical volume's facets over its radius, independent of the wavelength
 SAGITTA_OVER_RADIUS = 0.01
@@ -70,13 +75,68 @@ _STICKS = _pieces(
     0.5,
 )
 
-RADAR_VOLUME = ParamTable(
-    plugin="radar_volume",
-    element="bsdf",
-    doc="On a closed shape (sphere, cube, closed mesh): a volume that waves penetrate and that scatters them. A "
-    "`preset`, leaves and sticks by `leaf_density` and `stick_density`, or a water cloud by its coefficients in one "
-    "band, `sigma_v_h_db` and `extinction_h`.",
-    params=(
+
+@dataclass(frozen=True, eq=False)
+class Volume:
+    """Closed volume filled evenly with a medium. It rests, and no surface of a scene knows of it.
+
+    Parameters
+    ----------
+    name : of the shape
+    vertices : (n_v, 3) float64, m, scene frame
+    faces : (n_f, 3) int32, normals outwards
+    medium : what it is filled with; where volumes overlap, both fill the place
+    spacing : m, distance between the scatterers that represent it; 0: from the radar's resolution
+    """
+
+    kind: ClassVar[str] = "radar_volume"
+
+    name: str
+    vertices: F64
+    faces: I32
+    medium: VolumeMedium
+    spacing: float = 0.0
+
+    @cached_property
+    def content(self) -> float:
+        """Volume, m^3."""
+        return enclosed_volume(self.vertices, self.faces)
+
+    @cached_property
+    def mean_chord(self) -> float:
+        """Mean chord length, four times the volume over the surface, m."""
+        return 4.0 * self.content / surface_area(self.vertices, self.faces)
+
+    @property
+    def bounds(self) -> F64:
+        """Lower and upper corner, (2, 3) m."""
+        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+
+    @property
+    def places(self) -> F64:
+        """Corners of its surface, (n_v, 3) float64, m, scene frame."""
+        return self.vertices
+
+    @property
+    def segments(self) -> F64:
+        """None: it is a body."""
+        return np.zeros((0, 2, 3))
+
+    def moved(self, step: F64) -> "Volume":
+        """The volume translated by (3,) m."""
+        return replace(self, vertices=self.vertices + step)
+
+
+class VolumeKind(ShapeKind):
+    """Volumes as closed shapes with a ``radar_volume``."""
+
+    name = Volume.kind
+    title = (
+        "On a closed shape (sphere, cube, closed mesh): a volume that waves penetrate and that scatters them. A "
+        "`preset`, leaves and sticks by `leaf_density` and `stick_density`, or a water cloud by its coefficients in "
+        "one band, `sigma_v_h_db` and `extinction_h`."
+    )
+    parameters = (
         Param(
             "preset",
             "string",
@@ -144,62 +204,56 @@ RADAR_VOLUME = ParamTable(
             auto=True,
         ),
         *CHANGE,
-    ),
-)
+    )
+    on = "a closed shape"
+    plural, mechanism = "volumes", "volume"
+    rank = 20
+    frequencies = 1
+    random = True
+    needs_surface = True
 
-
-@dataclass
-class VolumeBook:
-    """Volumes of a scene, and the medium of every BSDF.
-
-    Parameters
-    ----------
-    frequency : Hz, of the media
-    overrides : from the command line
-    """
-
-    frequency: float
-    overrides: Overrides
-    volumes: list[Volume] = field(default_factory=list)
-    _media: dict[int, tuple[Element, VolumeMedium, float]] = field(default_factory=dict)
-
-    @property
-    def elements(self) -> list[Element]:
-        """BSDF elements whose media are made."""
-        return [element for element, _, _ in self._media.values()]
-
-    def add_shape(self, placed: Placed, bsdf: Element, reader: MeshReader) -> None:
-        """Add a shape with a ``radar_volume``; ``reader`` caches mesh files.
-
-        Raises
-        ------
-        SceneError : the shape is open or moves, or the medium is not described
-        """
+    def read(self, placed: Placed, bsdf: Element, reading: Reading) -> Sequence[Volume]:
+        """See :class:`ShapeKind`."""
         where, element = placed.element.where, placed.element
         if not placed.motion.still:
             raise SceneError(
                 f'{where}: a radar_volume cannot move, but "{placed.name}" has a velocity; take that away'
             )
+        reader = reading.reader
         if element.plugin == "sphere":
             radius = element.values.get("radius", 1.0)
             size = float(np.linalg.norm(placed.to_world[:3, :3], 2))
             size *= float(radius) if isinstance(radius, int | float) else 1.0
             reader = MeshReader(SAGITTA_OVER_RADIUS * size)
         vertices, faces = reader.triangles(placed)
-        self.add(placed.name, vertices, faces, bsdf, where)
+        return self.read_mesh(placed.name, vertices, faces, bsdf, where, reading)
 
-    def add(self, name: str, vertices: F64, faces: I32, bsdf: Element, where: str) -> None:
-        """Add a mesh with a ``radar_volume``: vertices (n_v, 3) m, file frame; ``where`` starts errors."""
-        if (
-            id(bsdf) not in self._media
-        ):  # the element is kept: a deleted one would leave its Python id to another
-            values, given = self.overrides.read(bsdf, RADAR_VOLUME)
+    def read_mesh(
+        self, name: str, vertices: F64, faces: I32, bsdf: Element | Medium, where: str, reading: Reading
+    ) -> Sequence[Volume]:
+        """See :class:`ShapeKind`."""
+        if isinstance(bsdf, VolumeMedium):
+            return [closed_volume(name, vertices, faces, bsdf, 0.0, where)]
+        assert isinstance(bsdf, Element)
+        element = bsdf
+
+        def make(number: int) -> tuple[VolumeMedium, float]:
+            values, given = reading.overrides.read(element, self.table)
             medium = medium_of(
-                bsdf.id or f"volume_{len(self._media) + 1}", values, given, self.frequency, bsdf.where
+                element.id or f"volume_{number}", values, given, reading.frequency, element.where
             )
-            self._media[id(bsdf)] = (bsdf, medium, float_value(values, "scatterer_spacing"))
-        _, medium, spacing = self._media[id(bsdf)]
-        self.volumes.append(closed_volume(name, vertices, faces, medium, spacing, where))
+            return medium, float_value(values, "scatterer_spacing")
+
+        return [closed_volume(name, vertices, faces, *reading.once(element, make), where)]
+
+    def media(self, targets: Sequence[Target]) -> Sequence[VolumeMedium]:
+        """See :class:`sarmitsuba.scene.scatterers.ScattererKind`."""
+        return [volume.medium for volume in volumes_of(targets)]
+
+
+def volumes_of(targets: Sequence[Target]) -> tuple[Volume, ...]:
+    """The volumes among the scatterers of a scene."""
+    return tuple(target for target in targets if isinstance(target, Volume))
 
 
 def closed_volume(
@@ -285,3 +339,41 @@ def _constituents(values: Mapping[str, Value | None]) -> tuple[Constituent, ...]
             orientation = Orientation(float_value(values, f"{kind}_tilt_deg"), spread)
             found.append(Constituent(piece, density, float_value(values, f"{kind}_moisture"), orientation))
     return tuple(found)
+
+
+class Vegetation(Effect):
+    """Volumes; on where a shape is a volume, off leaves all volumes out."""
+
+    name = "vegetation"
+    title = "scattering and extinction of volumes"
+    documentation = "volumes, such as crowns of trees: their returns and their extinction"
+    off_when = "no shape has a `radar_volume`"
+    off_means = "no volumes: neither their echoes nor their extinction"
+    rank = 137
+
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
+        """See the class."""
+        volumes = volumes_of(context.scene.scatterers)
+        if not volumes:
+            return Assessment(False, "no volume", -np.inf)
+        if context.scene.settings.method == "raster":
+            return Assessment(False, "method raster shows surfaces only", float("nan"))
+        line = context.corners[-1] - context.scene.radar.track.center_position
+        cosine = float(abs(line[2]) / np.linalg.norm(line))
+        # extinction along the mean path through each, and the strongest return of one square metre of volume
+        depth = [float(v.medium.at(cosine)[0].mean()) * v.mean_chord for v in volumes]
+        returned = max(float(v.medium.at(cosine)[1][:2].max()) * v.mean_chord for v in volumes)
+        error = db_from_power(max(1.0 - np.exp(-2.0 * max(depth)), min(returned, 1.0), 1e-30))
+        what = "1 volume" if len(volumes) == 1 else f"{len(volumes)} volumes"
+        low, high = (10.0 / np.log(10.0) * x for x in (min(depth), max(depth)))
+        span = f"{high:.1f}" if high - low < 0.1 else f"{low:.1f} to {high:.1f}"
+        why = f"{what}: extinction {span} dB along a mean path"
+        return Assessment(True, why, float(error))
+
+    def without(self, scene: Scene) -> Scene:
+        """Scene without its volumes."""
+        return scene.without_kind(Volume.kind)
+
+
+SCATTERERS.register(VolumeKind())
+EFFECTS.register(Vegetation())

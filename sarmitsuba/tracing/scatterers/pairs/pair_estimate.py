@@ -16,7 +16,6 @@ from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.materials.map_materials import with_parts
 from sarmitsuba.scene.mesh.surface_samples import spanned_area, surface_samples
-from sarmitsuba.simulation.planning.sources.site import Site
 from sarmitsuba.tracing.kernel.launch import LaunchGrid, PulseBatch, frame_towards
 from sarmitsuba.tracing.kernel.leg import Surroundings
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene
@@ -24,6 +23,7 @@ from sarmitsuba.tracing.kernel.source import launches
 from sarmitsuba.tracing.kernel.state import Contribution, Kernel, KernelSettings
 from sarmitsuba.tracing.scatterers.pairs.diffuse_pairs import PairSource
 from sarmitsuba.tracing.scatterers.pairs.pair_search import SurfacePairs, find_pairs
+from sarmitsuba.tracing.scatterers.sources import Site
 
 if TYPE_CHECKING:
     from sarmitsuba.tracing.kernel.kernel import LaneArrays

@@ -3,10 +3,9 @@
 import numpy as np
 
 from sarmitsuba.effects.fold_sections import fold_grids
-from sarmitsuba.simulation.planning.sources.kind import SOURCES, Expected, SourceKind, most_bounces
-from sarmitsuba.simulation.planning.sources.site import Site
 from sarmitsuba.tracing.kernel.source import PointSource, Source
 from sarmitsuba.tracing.scatterers.edges.diffraction import FringeCurrents
+from sarmitsuba.tracing.scatterers.sources import SOURCES, Expected, Site, SourceKind, most_bounces
 
 # seconds of a usual core to trace a piece
 PIECE_TRACED = 5e-6

@@ -12,13 +12,13 @@ from sarmitsuba.machine.backend import ensure_backend, mi
 from sarmitsuba.scene.materials.vegetation.canopy import water_cloud
 from sarmitsuba.scene.mesh import tessellate
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.scene.volumes import Volume
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
-from sarmitsuba.simulation.planning.sources.kind import passages_of, sources_of
-from sarmitsuba.simulation.planning.sources.site import RunSite
-from sarmitsuba.tracing.scatterers.volumes.volume_scatterers import (
+from sarmitsuba.simulation.planning.site import RunSite
+from sarmitsuba.tracing.scatterers.sources import passages_of, sources_of
+from sarmitsuba.tracing.scatterers.volumes.kind import Volume
+from sarmitsuba.tracing.scatterers.volumes.source import (
     VolumeScatterers,
     VolumeSurfaces,
     scatterer_spacing,
@@ -193,13 +193,13 @@ def test_volumes_can_be_left_out() -> None:
     off = replace(scene, settings=replace(scene.settings, effects={"vegetation": "off"}))
     bare = plan_effects(off)
     assert not bare.on("vegetation") and not bare.apply(off).volumes
-    assert not plan_effects(replace(scene, volumes=())).on("vegetation")
+    assert not plan_effects(replace(scene, scatterers=())).on("vegetation")
 
 
 def test_a_scene_without_volumes_has_no_crossing() -> None:
     """Neither passage nor source is made: the kernel is that of a scene that never heard of volumes."""
     ensure_backend()
-    bare = replace(layer(), volumes=())
+    bare = replace(layer(), scatterers=())
     assert passages_of(bare) == ()
     plan = plan_effects(bare)
     assert sources_of(RunSite(SamplingPlan.of(bare), plan.flags)) == ()

@@ -1,1 +1,0 @@
-"""Sources of echoes at known positions (wires, edges, volumes, pairs): kinds, registry and construction."""

@@ -1,1 +1,0 @@
-"""Kinds of sources, one module each, found automatically."""

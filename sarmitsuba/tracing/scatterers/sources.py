@@ -1,0 +1,230 @@
+"""Sources of echoes at known positions: the site of a run, the kinds of sources, and their registry.
+
+A kind of scatterers lies in one folder ``tracing/scatterers/<kind>/``. Its modules enter by registries, which find them
+by their names, as a user's extension enters by its import:
+
+``kind.py``
+    Without Mitsuba. What a scene holds (a class of :class:`sarmitsuba.scene.scatterers.Target`); its bsdf, how shapes
+    with it are read, shown, counted and labelled (a :class:`sarmitsuba.loading.scatterer_shapes.ShapeKind`, in
+    ``SCATTERERS``); and when it is simulated (an :class:`sarmitsuba.effects.effect.Effect`, in ``EFFECTS``).
+``source.py``
+    How it is traced and what that costs: a :class:`SourceKind` in ``SOURCES``. ``made`` turns the targets of a scene
+    into a :class:`sarmitsuba.tracing.kernel.source.Source`, mostly a ``PointSource`` of ``Scatterers``, whose
+    ``mechanism`` and ``owner`` label its echoes, and whose derivatives by the legs are those of all sources.
+
+A scene carries targets of all kinds in ``Scene.scatterers`` from the reader to the source; nobody between them asks
+for a kind. Without the folder its bsdf is unknown, and all else is as before.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from sarmitsuba.core.arrays import F64, unit_rows
+from sarmitsuba.core.registry import Registry
+from sarmitsuba.effects.context import PairLevel
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.effects.fold_sections import Folds
+from sarmitsuba.scene.mesh.sharp_edges import SharpEdges
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.tracing.kernel.scene_tables import TraceScene
+from sarmitsuba.tracing.kernel.source import Source
+from sarmitsuba.tracing.scatterers.edges.fold_waves import FoldWaves
+from sarmitsuba.tracing.scatterers.slabs.passage import Passage
+
+# antenna positions from which folds are examined
+MOST_LOOKS = 1000
+# the scatterer itself, and the ground on the incident and on the scattered leg
+MOST_BOUNCES = 3
+
+
+class Site(ABC):
+    """Scene with the quantities from which sources are made.
+
+    Parameters
+    ----------
+    scene : with the effects plan applied
+    flags : of the trace kernel
+    trace_scene : geometry on the device; None: sources that need it are left out
+    pairs : level of pairs of diffuse scatterers, where it is known
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        flags: KernelFlags,
+        trace_scene: TraceScene | None = None,
+        pairs: PairLevel | None = None,
+    ) -> None:
+        self.scene, self.flags, self.trace_scene, self.pairs = scene, flags, trace_scene, pairs
+
+    @property
+    def wavelength(self) -> float:
+        """Wavelength of the carrier, m."""
+        return self.scene.radar.waveform.wavelength
+
+    @property
+    @abstractmethod
+    def cells(self) -> tuple[float, float]:
+        """Resolutions in range and in azimuth, m; infinite where an object is unresolved."""
+
+    @property
+    @abstractmethod
+    def distance(self) -> float:
+        """Smallest distance to an antenna, m."""
+
+    @property
+    @abstractmethod
+    def cell_area(self) -> float:
+        """Area of the resolution cell perpendicular to the elevation direction, m^2."""
+
+    @property
+    @abstractmethod
+    def edges(self) -> SharpEdges:
+        """Sharp metal edges of the scene, in pieces."""
+
+    @property
+    @abstractmethod
+    def folds(self) -> Folds:
+        """Folds whose waves are followed beyond rays; none without edges' waves, or with a receiver apart."""
+
+    @cached_property
+    def fold_waves(self) -> FoldWaves | None:
+        """Waves of the folds, which several tracings share; None without any."""
+        if not self.folds.n:
+            return None
+        towards = self.towards(self.folds.middle.mean(axis=0))
+        waves = FoldWaves(self.folds, self.wavelength, towards, 0.5 * self.resolution)
+        return waves if waves.n else None
+
+    def towards(self, point: F64) -> F64:
+        """Unit vectors (n, 3) from a point to the antenna along the track, at most ``MOST_LOOKS``."""
+        position = self.scene.radar.track.position
+        step = -(-len(position) // MOST_LOOKS)
+        away = np.concatenate([position[::step], position[-1:]]) - point
+        return unit_rows(away)
+
+    @property
+    @abstractmethod
+    def box(self) -> F64:
+        """Bounds of the lit part of the scene, (2, 3) m."""
+
+    @property
+    @abstractmethod
+    def center(self) -> F64:
+        """Centre of the lit part of the scene, (3,) m."""
+
+    @property
+    @abstractmethod
+    def views(self) -> F64:
+        """Antenna positions (n, 3) m, in turn, the middle one in the middle."""
+
+    @property
+    @abstractmethod
+    def scatterer_cell(self) -> float:
+        """Edge of the cells that carry one diffuse scatterer, m."""
+
+    @property
+    @abstractmethod
+    def resolution(self) -> float:
+        """Edge of a resolution cell on the ground, m."""
+
+    @property
+    @abstractmethod
+    def block(self) -> int:
+        """Most pulses that share one tracing; 1 where every pulse or aspect is traced."""
+
+    @abstractmethod
+    def shares(self, points: F64) -> F64:
+        """Amplitude factor (n,) of scatterers at points (n, 3) m, tapered beyond a cropped image."""
+
+    @abstractmethod
+    def light(self, points: F64) -> F64:
+        """Amplitude (n,) of the launch window at points (n, 3) m."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Expected cost of a source, before it is made.
+
+    Parameters
+    ----------
+    scatterers : estimated number, all of them traced at every key pulse
+    making, each : s of a reference core, to make all of them, and to trace one
+    bytes : peak while they are made
+    """
+
+    scatterers: float
+    making: float
+    each: float
+    bytes: float
+
+
+class SourceKind(ABC):
+    """Kind of scatterers traced directly to the antenna; register an instance in ``SOURCES``.
+
+    Attributes
+    ----------
+    name : one word
+    rank : kinds are traced in this order
+    """
+
+    name: ClassVar[str]
+    rank: ClassVar[int] = 100
+
+    @abstractmethod
+    def made(self, site: Site) -> Source | None:
+        """Source of a scene; None where the scene has none, or the plan has switched it off."""
+
+    @abstractmethod
+    def expected(self, site: Site, sub_bands: int) -> Expected | None:
+        """Expected cost of the source, before it is made; None without one.
+
+        Parameters
+        ----------
+        site : scene and sampling
+        sub_bands : number of frequencies that the band is traced at
+
+        Notes
+        -----
+        Upper bounds in cropped images: sources outside the image are counted.
+        """
+
+    def passage(self, scene: Scene) -> Passage | None:
+        """What the scatterers take from waves that go through them; None where they take nothing."""
+        return None
+
+
+SOURCES: Registry[SourceKind] = Registry(
+    "kind of source", SourceKind, "sarmitsuba.tracing.scatterers.*.source"
+)
+
+
+def _in_turn() -> list[SourceKind]:
+    return sorted(SOURCES, key=lambda kind: kind.rank)
+
+
+def sources_of(site: Site) -> tuple[Source, ...]:
+    """Sources of a scene with the effects plan applied; none in most scenes."""
+    made = (kind.made(site) for kind in _in_turn())
+    return tuple(source for source in made if source is not None)
+
+
+def expected_sources(site: Site, sub_bands: int = 1) -> tuple[Expected, ...]:
+    """Expected cost of each source of a scene; see :meth:`SourceKind.expected`."""
+    expected = (kind.expected(site, sub_bands) for kind in _in_turn())
+    return tuple(each for each in expected if each is not None)
+
+
+def most_bounces(scene: Scene) -> int:
+    """Bounces of the longest path of a scatterer: both legs over the ground, where the scene has any and allows it."""
+    return min(scene.settings.max_depth or MOST_BOUNCES, MOST_BOUNCES) if scene.geometry.n_faces else 1
+
+
+def passages_of(scene: Scene) -> tuple[Passage, ...]:
+    """Passages of a scene (volumes that attenuate waves); none in most scenes."""
+    found = (kind.passage(scene) for kind in _in_turn()) if scene.scatterers else ()
+    return tuple(passage for passage in found if passage is not None)

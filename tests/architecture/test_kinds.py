@@ -1,0 +1,79 @@
+"""A kind of scatterers is one folder: without it the package imports, loads and renders all else."""
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+KINDS = "sarmitsuba.tracing.scatterers"
+# folders that nothing else imports, and the bsdf of each
+WHOLE = {"wires": "radar_wire", "volumes": "radar_volume"}
+# closed forms that the kind is validated by, deleted with it
+CHECKS = "sarmitsuba.truth.validation.cases"
+
+RENDER = """
+import importlib, pkgutil, sys, warnings
+import sarmitsuba
+from sarmitsuba.scene.scatterers import SCATTERERS
+from sarmitsuba.scene.summary import SceneSummary
+for name in sarmitsuba.__all__:
+    getattr(sarmitsuba, name)
+for module in pkgutil.walk_packages(sarmitsuba.__path__, "sarmitsuba."):
+    if not module.name.endswith("__main__"):
+        importlib.import_module(module.name)
+assert sys.argv[1] not in SCATTERERS and SCATTERERS.own_names
+assert sys.argv[1] not in sarmitsuba.register_plugins()
+size = {"range_film.pixels_azimuth": "16", "range_film.pixels_range": "16"}
+scene = sarmitsuba.load_scene("dihedral", parameters=size)
+assert sys.argv[2] not in SceneSummary.of(scene).as_dict()
+image = sarmitsuba.render(scene, seed=1)
+assert abs(image.data).max() > 0.0
+"""
+
+
+def test_nobody_imports_a_kind(house: Any) -> None:
+    """The package's list of public names, which it is loaded by, aside."""
+    wrong = [
+        f"{house.modules[found.source].where}:{found.line} imports {found.target}"
+        for found in house.imports
+        for kind in WHOLE
+        if f"{found.target}.".startswith(f"{KINDS}.{kind}.")
+        and not found.source.startswith((f"{KINDS}.{kind}.", f"{CHECKS}.{kind}"))
+        and (found.source, found.when) != ("sarmitsuba", "typing")
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_the_part_of_a_kind_in_scenes_needs_no_mitsuba(house: Any) -> None:
+    """It is loaded with the list of effects, which planning and focusing read."""
+    kinds = [
+        module for module in house if module.name.startswith(f"{KINDS}.") and module.name.endswith(".kind")
+    ]
+    assert len(kinds) >= len(WHOLE)
+    for module in kinds:
+        taken = {node.module for node in ast.walk(module.tree) if isinstance(node, ast.ImportFrom)}
+        assert not taken & {"sarmitsuba.machine.backend", f"{module.folder}.source"}, module.where
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "bsdf"), WHOLE.items())
+def test_the_folder_of_a_kind_can_be_deleted(kind: str, bsdf: str, tmp_path: Path) -> None:
+    for folder in ("sarmitsuba", "plugins"):
+        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    os.symlink(ROOT / "scenes", tmp_path / "scenes")
+    shutil.rmtree(tmp_path / KINDS.replace(".", "/") / kind)
+    (tmp_path / CHECKS.replace(".", "/") / f"{kind}.py").unlink(missing_ok=True)
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", RENDER, bsdf, kind],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
