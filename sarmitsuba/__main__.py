@@ -11,7 +11,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from types import FrameType
 
-from sarmitsuba.machine.unfinished import remove_shared, remove_unfinished, share_unfinished
+from sarmitsuba.machine.unfinished import describe_end, remove_shared, remove_unfinished, share_unfinished
 
 # new objects after which Python looks for unreachable cycles: the usual 700 takes 5 % of a short run, most of it by
 # going through the libraries' modules again and again
@@ -23,7 +23,6 @@ _ENDS = {
 }
 # s until a process that answers no signal is ended from outside, and between looks at it
 _PATIENCE, _LOOK = 1.0, 0.02
-_CLEAN = "no half-written file was left behind"
 
 
 def main() -> int:
@@ -47,7 +46,7 @@ def main() -> int:
         if os.getpid() == started:  # a forked reader process owns no unfinished files
             remove_unfinished()
             begin = "\n" if sys.stderr is not None and sys.stderr.isatty() else ""
-            _say(f"{begin}error: {said}; {_CLEAN}\n")
+            _say(f"{begin}error: {said}; {describe_end()}\n")
         os._exit(status)
 
     _watch(end, shared)
@@ -129,7 +128,9 @@ def _guard(guarded: int, read: int, pass_on: int, shared: mmap.mmap) -> None:
                     while os.getppid() == guarded:
                         time.sleep(_LOOK)
                     remove_shared(shared)
-                    _say(f"error: {said} within a library that answers no signal; {_CLEAN}\n")
+                    _say(
+                        f"error: {said} within a library that answers no signal; no half-written file was left behind\n"
+                    )
                     return
     finally:
         os._exit(0)

@@ -6,6 +6,7 @@ Exit status: 0 success; 1 a missing part (doctor), a comparison out of tolerance
 
 import argparse
 import os
+import re
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
@@ -14,10 +15,11 @@ from sarmitsuba import __version__
 from sarmitsuba.commands import COMMANDS
 from sarmitsuba.commands.console import Console
 from sarmitsuba.core.errors import SarmitsubaError
-from sarmitsuba.core.parameters import one_line
+from sarmitsuba.core.parameters import did_you_mean, one_line
 from sarmitsuba.core.registry import load_extension
 from sarmitsuba.machine.memory import check_limits
 from sarmitsuba.machine.regular_files import check_text
+from sarmitsuba.machine.unfinished import describe_end, withdraw_resuming
 
 EXIT_OK, EXIT_USER, EXIT_INTERRUPTED = 0, 2, 130
 
@@ -26,8 +28,25 @@ class _Parser(argparse.ArgumentParser):
     """Argument parser that reports errors on one line."""
 
     def error(self, message: str) -> NoReturn:
+        """End with one line, which names the choice that was meant."""
+        found = re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)$", message)
+        if found is not None:
+            guess = did_you_mean(found[1], [word.strip("' ") for word in found[2].split(",")])
+            message = f"{message[: found.end(1) + 1]}{guess}{message[found.end(1) + 1 :]}"
         print(f"error: {message} (see {self.prog} --help)", file=sys.stderr)
         sys.exit(EXIT_USER)
+
+
+class _CommandParser(_Parser):
+    """Parser of a subcommand: names the option that an unknown one may have meant."""
+
+    def parse_known_args(self, args=None, namespace=None):  # type: ignore[no-untyped-def, override]
+        parsed, rest = super().parse_known_args(args, namespace)
+        if rest:
+            known = [option for action in self._actions for option in action.option_strings]
+            guess = did_you_mean(rest[0].partition("=")[0], known) if rest[0].startswith("-") else ""
+            self.error(f"unrecognized arguments: {' '.join(rest)}{guess}")
+        return parsed, rest
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -35,7 +54,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="sarmitsuba", description="Synthetic aperture radar simulator on Mitsuba 3.")
     parser.add_argument("--version", action="version", version=f"sarmitsuba {__version__}")
     _add_extension(parser)
-    subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
+    subparsers = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=_CommandParser)
     for command in COMMANDS:
         sub = subparsers.add_parser(command.NAME, help=command.HELP, description=command.__doc__)
         command.add_arguments(sub)
@@ -77,6 +96,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return EXIT_USER
     args = build_parser().parse_args(argv)
     console = Console(quiet=args.quiet, verbose=args.verbose)
+    withdraw_resuming()
     try:
         with console.reporting():
             status: int = args.run(args, console)
@@ -89,7 +109,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         console.complain("out of memory; choose a smaller image, fewer pulses or a coarser ray_spacing")
         return EXIT_USER
     except KeyboardInterrupt:
-        console.complain("interrupted; no half-written file was left behind")
+        console.complain(f"interrupted; {describe_end()}")
         return EXIT_INTERRUPTED
     except BrokenPipeError:  # the output was closed by its reader, e.g. `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

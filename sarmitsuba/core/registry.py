@@ -21,6 +21,7 @@ from types import TracebackType
 from typing import Generic, Protocol, TypeVar
 
 from sarmitsuba.core.errors import ExtensionError, SarmitsubaError
+from sarmitsuba.core.parameters import did_you_mean
 
 ENTRY_POINTS = "sarmitsuba.extensions"
 
@@ -196,7 +197,8 @@ class Registry(Generic[T]):
             return self._entries[name]
         except KeyError:
             raise ExtensionError(
-                f"{self.kind} {name!r} is unknown; choose one of {', '.join(self._entries)}"
+                f"{self.kind} {name!r} is unknown{did_you_mean(name, self._entries)}; choose one of "
+                f"{', '.join(self._entries)}"
             ) from None
 
     def __contains__(self, name: object) -> bool:
@@ -264,7 +266,9 @@ def load_extension(module_or_file: str, *, again: bool = True) -> None:
             importlib.import_module(module_or_file)
             return
         if not os.path.isfile(path):
-            raise ExtensionError(f"{path}: no such extension file; check the path")
+            beside = [str(each) for each in sorted(path.parent.glob("*.py"))]
+            guess = did_you_mean(str(path), beside) or "; check the path"
+            raise ExtensionError(f"{path}: no such extension file{guess}")
         name = f"sarmitsuba_extension_{path.stem}"
         if not again and name in sys.modules:
             return
@@ -285,4 +289,6 @@ class _Importing(_ForeignCode):
         """Module and error."""
         expected = isinstance(error, ImportError | SyntaxError)
         said = str(error) if expected else _said(error, trace, self.module_or_file)
+        if isinstance(error, ModuleNotFoundError) and error.name == self.module_or_file:
+            said += did_you_mean(error.name, (module.name for module in pkgutil.iter_modules()))
         return f"{self.module_or_file}: cannot be imported: {said}"

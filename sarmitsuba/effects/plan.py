@@ -8,7 +8,7 @@ from typing import TypedDict
 import numpy as np
 
 from sarmitsuba.core.errors import ExtensionError, SarmitsubaWarning, SceneError
-from sarmitsuba.core.parameters import filled
+from sarmitsuba.core.parameters import did_you_mean, filled
 from sarmitsuba.core.registry import Calling, checked_type
 from sarmitsuba.effects.catalog.max_depth import DEEPEST, DEFAULT_DEPTH
 from sarmitsuba.effects.catalog.wideband import LEAST_SUB_BANDS
@@ -277,7 +277,8 @@ def _check_switches(scene: Scene) -> None:
     for name in scene.settings.effects:
         if name not in known:
             raise SceneError(
-                f"{scene.name}: there is no effect {name!r} to switch; choose of {', '.join(known)}"
+                f"{scene.name}: there is no effect {name!r} to switch{did_you_mean(name, known)}; choose of "
+                f"{', '.join(known)}"
             )
 
 

@@ -21,6 +21,7 @@ from sarmitsuba.core.errors import OutputError
 from sarmitsuba.machine.atomic import open_own, reason_of
 from sarmitsuba.machine.encoding import json_value
 from sarmitsuba.machine.regular_files import open_regular
+from sarmitsuba.machine.unfinished import offer_resuming, withdraw_resuming
 
 MAGIC = b"sarmitsuba journal 1\n"
 _RECORD = b"rec\n"
@@ -83,6 +84,7 @@ class Journal:
     path : file; created if missing, else its intact records are kept
     accept : of a label and the bytes of its payload: whether they are a record that the program writes; by label the
         types and bounds of all values, by payload type, shape and bounds
+    resume : how the run resumes, for the message at its end by a signal
 
     Attributes
     ----------
@@ -99,8 +101,13 @@ class Journal:
     flushed: after a power failure the checksums identify the complete records.
     """
 
-    def __init__(self, path: Path | str, accept: Callable[[Label, bytes], bool]) -> None:
-        self.path, self._accept = Path(path), accept
+    def __init__(
+        self,
+        path: Path | str,
+        accept: Callable[[Label, bytes], bool],
+        resume: str = "the same command resumes",
+    ) -> None:
+        self.path, self._accept, self._resume = Path(path), accept, resume
         self.labels: list[dict[str, Any]] = []
         self._payloads: list[tuple[int, int]] = []  # offset and bytes
         try:
@@ -120,7 +127,7 @@ class Journal:
         if head == MAGIC:
             for label, offset, size in self._sound():
                 self.labels.append(label)
-                self._payloads.append((offset, size))
+                self._keep(offset, size)
                 self._end = offset + size
             self._cut(self._end)
         else:
@@ -163,7 +170,13 @@ class Journal:
         self._write(header + text)
         self._write(payload)
         self.labels.append(dict(label))
-        self._payloads.append((start + len(header) + len(text), len(payload)))
+        self._keep(start + len(header) + len(text), len(payload))
+
+    def _keep(self, offset: int, size: int) -> None:
+        """Note a payload; labels alone are no finished part."""
+        self._payloads.append((offset, size))
+        if size:
+            offer_resuming(self.path, self._resume)
 
     def payload(self, index: int, dtype: type[np.generic]) -> NDArray[Any]:
         """The flat array of a record."""
@@ -176,6 +189,7 @@ class Journal:
     def clear(self) -> None:
         """Drop every record."""
         self.labels, self._payloads = [], []
+        withdraw_resuming(self.path)
         self._cut(0)
         self._end = 0
         self._write(MAGIC)
@@ -187,6 +201,7 @@ class Journal:
     def remove(self) -> None:
         """Close and delete it."""
         self.close()
+        withdraw_resuming(self.path)
         self.path.unlink(missing_ok=True)
 
     def _write(self, data: bytes | memoryview) -> None:
@@ -220,4 +235,5 @@ def remove_journal(path: Path) -> None:
     except OSError:
         return
     if head == MAGIC[: len(head)]:
+        withdraw_resuming(path)
         path.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Removal of unfinished files and folders when a signal ends the process, by itself or by its guard."""
+"""Files and folders of a run that a signal ends: what is removed, and what it resumes from."""
 
 import json
 import mmap
@@ -15,6 +15,8 @@ _SHARED = 1 << 16
 _removals: dict[object, Callable[[], object]] = {}
 _paths: dict[object, str] = {}
 _shared: mmap.mmap | None = None
+# how a run resumes, by the file of finished parts
+_resuming: dict[str, str] = {}
 
 
 @contextmanager
@@ -47,6 +49,24 @@ def remove_unfinished() -> None:
             remove()
         except (OSError, SarmitsubaError):
             continue
+
+
+def offer_resuming(path: Path, how: str = "the same command resumes") -> None:
+    """Keep how the run resumes from a file of finished parts, for the message at its end by a signal."""
+    _resuming[os.path.abspath(path)] = how
+
+
+def withdraw_resuming(path: Path | None = None) -> None:
+    """Forget a file of finished parts, which is gone or empty; None: those of an earlier run, before a new one."""
+    if path is None:
+        _resuming.clear()
+    else:
+        _resuming.pop(os.path.abspath(path), None)
+
+
+def describe_end() -> str:
+    """What a run ended by a signal leaves: no half-written file, and how it resumes where parts are finished."""
+    return "; ".join(["no half-written file was left behind", *dict.fromkeys(_resuming.values())])
 
 
 def share_unfinished() -> mmap.mmap:

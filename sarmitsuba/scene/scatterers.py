@@ -8,7 +8,7 @@ import numpy as np
 
 from sarmitsuba.core.arrays import F64, I32
 from sarmitsuba.core.errors import SceneError
-from sarmitsuba.core.parameters import Param, ParamTable
+from sarmitsuba.core.parameters import Param, ParamTable, did_you_mean
 from sarmitsuba.core.registry import Registry
 
 
@@ -173,8 +173,10 @@ class ScattererTarget:
     def __post_init__(self) -> None:
         if self.kind not in SCATTERERS:
             own = [name for name in SCATTERERS.names if name not in SCATTERERS.own_names]
-            known = ", ".join(own) or "none"
-            raise SceneError(f'scatterer "{self.name}": there is no kind {self.kind!r}; registered: {known}')
+            known, guess = ", ".join(own) or "none", did_you_mean(self.kind, own)
+            raise SceneError(
+                f'scatterer "{self.name}": there is no kind {self.kind!r}{guess}; registered: {known}'
+            )
         square = np.allclose(self.axes.T @ self.axes, np.eye(3), atol=1e-6) and np.linalg.det(self.axes) > 0.0
         if not (np.isfinite(self.position).all() and square):
             raise SceneError(

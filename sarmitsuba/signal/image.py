@@ -554,7 +554,8 @@ def backscatter(image: SarImage, quantity: RadiometricQuantity = "sigma0", chann
     Raney et al., A plea for radar brightness, IGARSS 1994.
     """
     if quantity not in QUANTITIES:
-        raise DataError(f"backscatter {quantity!r}: unknown; choose one of {', '.join(QUANTITIES)}")
+        guess = did_you_mean(quantity, QUANTITIES)
+        raise DataError(f"backscatter {quantity!r}: unknown{guess}; choose one of {', '.join(QUANTITIES)}")
     if quantity == "rcs":
         return image.rcs(channel)
     sigma0 = image.sigma0(channel)

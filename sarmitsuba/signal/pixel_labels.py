@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.parameters import did_you_mean
 from sarmitsuba.core.registry import late
 from sarmitsuba.signal.image import ImageGrid
 
@@ -69,7 +70,7 @@ class LabelledInstance:
     energy_share: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Labels:
     """Labels of an image.
 
@@ -85,6 +86,11 @@ class Labels:
     layers: Mapping[str, LabelLayer]
     instances: tuple[LabelledInstance, ...] = ()
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """Size, layers and number of instances on one line."""
+        rows, columns = self.grid.shape
+        return f"Labels({rows} x {columns} pixels: {', '.join(self.layers)}; {len(self.instances)} instances)"
 
     def save(self, path: Path | str) -> None:
         """Write to an HDF5 file, see docs/files.md."""
@@ -106,5 +112,6 @@ class Labels:
     def __getitem__(self, name: str) -> NDArray[np.generic]:
         """Values of a layer."""
         if name not in self.layers:
-            raise DataError(f'labels: no layer "{name}"; there are {", ".join(sorted(self.layers))}')
+            guess = did_you_mean(name, self.layers)
+            raise DataError(f'labels: no layer "{name}"{guess}; there are {", ".join(sorted(self.layers))}')
         return self.layers[name].values

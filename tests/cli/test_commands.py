@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -136,6 +137,34 @@ def test_wrong_usage_is_one_line(arguments: list[str], text: str, capsys: Any) -
     assert caught.value.code == 2
     err = capsys.readouterr().err
     assert err.count("\n") == 1 and err.startswith("error: ") and text in err
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        ("rendr tower", "render"),
+        ("render tower -o {} --metod raw", "--method"),
+        ("picture {} --quantity gama0", "gamma0"),
+        ("--extension {}/my_lw.py scenes", "{}/my_law.py"),
+        ("--extension sarmitsub scenes", "sarmitsuba"),
+        ("validate --case plat", "plate"),
+        ("validate --topic orbts", "orbits"),
+        ("render point -o {} --focuser omegak", "omega_k"),
+        ("render point -o {} --focuser backprojection,eror=-30", "error"),
+        ("render point -o {} --window haming:0.5", "hamming"),
+        ("render point -o {} --format hdf", "hdf5"),
+    ],
+)
+def test_what_a_misspelt_name_may_have_meant_is_said(
+    words: str, meant: str, tmp_path: Path, capsys: Any
+) -> None:
+    (tmp_path / "my_law.py").write_text("")
+    try:
+        status = cli.main(shlex.split(words.format(tmp_path)))
+    except SystemExit as ended:
+        status = ended.code
+    err = capsys.readouterr().err
+    assert status == 2 and f'; did you mean "{meant.format(tmp_path)}"?' in err, err
 
 
 def test_folder_that_cannot_be_written_is_found_before_the_work(

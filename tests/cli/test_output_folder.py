@@ -35,7 +35,10 @@ def names(folder: Path) -> set[str]:
         (("--window", "hammin"), "window 'hammin': unknown"),
         (("--focuser", "polar"), "focuser 'polar' is unknown"),
         (("--focuser", "backprojection,width=3"), "option 'width' is unknown"),
-        (("--format", "hdf5,tiff"), "file format 'tiff' is unknown; choose one of "),
+        (
+            ("--format", "hdf5,tiff"),
+            "file format 'tiff' is unknown; did you mean \"geotiff\"?; choose one of ",
+        ),
         (("--format", "openexr,openexr"), "two of them would write image.exr"),
         (("--method", "image", "--no-focus"), "makes an image without raw data"),
         (("--method", "raster", "--target-error", "-30"), "makes one pass only"),

@@ -40,9 +40,11 @@ def commands(page: str) -> list[str]:
 # what Blender's exporter writes: y up, a camera, two-sided principled materials, ids of its own
 STREET = """<scene version="3.0.0">
     <integrator type="path"/><emitter type="constant"/><sensor type="perspective"/>
-    <bsdf type="twosided" id="mat-brick"><bsdf type="principled"><rgb name="base_color" value="0.6 0.3 0.2"/></bsdf></bsdf>
+    <bsdf type="twosided" id="mat-brick">
+        <bsdf type="principled"><rgb name="base_color" value="0.6 0.3 0.2"/></bsdf></bsdf>
     <shape type="rectangle" id="elm__0">
-        <transform name="to_world"><scale x="30" y="30"/><rotate x="1" angle="-90"/></transform><ref id="mat-brick"/></shape>
+        <transform name="to_world"><scale x="30" y="30"/><rotate x="1" angle="-90"/></transform>
+        <ref id="mat-brick"/></shape>
     <shape type="cube" id="elm__1"><transform name="to_world"><scale x="6" y="5" z="8"/><translate y="5"/></transform>
         <ref id="mat-brick"/></shape>
 </scene>"""

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from sarmitsuba.core.errors import OutputError
-from sarmitsuba.machine.journal import MAGIC, Journal, fits, is_echo
+from sarmitsuba.machine.journal import MAGIC, Journal, fits, is_echo, remove_journal
 from sarmitsuba.machine.locking import sole_writer
+from sarmitsuba.machine.unfinished import describe_end, withdraw_resuming
 
 
 def anything(label: object, payload: bytes) -> bool:
@@ -152,3 +153,31 @@ def test_payloads_are_echoes_within_bounds() -> None:
     assert not is_echo(good.tobytes(), 3) and not is_echo(good.tobytes()[:-1])
     for bad in (np.nan, np.inf, 1e30):
         assert not is_echo(np.array([1.0, bad], np.complex64).tobytes())
+
+
+def test_what_a_stopped_run_resumes_from_is_said(tmp_path: Path) -> None:
+    """Only where a part is finished, and no longer once it is dropped."""
+    withdraw_resuming()
+    clean = "no half-written file was left behind"
+    assert describe_end() == clean
+    path, study = tmp_path / "j", tmp_path / "study"
+    journal = Journal(path, anything)
+    journal.append({"kind": "run"}, np.empty(0, np.uint8))
+    assert describe_end() == clean
+    journal.append({"kind": "block"}, np.ones(3, np.complex64))
+    assert describe_end() == f"{clean}; the same command resumes"
+    other = Journal(study, anything, "the same command with --resume resumes")
+    other.append({}, np.ones(3, np.complex64))
+    other.remove()
+    assert describe_end() == f"{clean}; the same command resumes"
+    journal.close()
+    remove_journal(path)
+    assert describe_end() == clean
+    again = Journal(path, anything)
+    again.append({}, np.ones(3, np.complex64))
+    again.close()
+    found = Journal(path, anything)  # of an earlier run
+    assert describe_end().endswith("; the same command resumes")
+    found.clear()
+    assert describe_end() == clean
+    found.close()

@@ -321,7 +321,11 @@ class Trials:
         self._made: dict[str, Trial] = {}
         self._prepared: dict[str, Prepared] = {}
         self._last: tuple[str, Trial] | None = None
-        self._journal = Journal(state, _is_record) if state is not None else None
+        self._journal = (
+            Journal(state, _is_record, "the same command with --resume resumes")
+            if state is not None
+            else None
+        )
         if self._journal is None:
             return
         first = {"kind": _FIRST, "hash": run_hash}

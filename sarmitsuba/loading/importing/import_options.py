@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from sarmitsuba.core.errors import SceneError
+from sarmitsuba.core.parameters import did_you_mean
 from sarmitsuba.loading.from_mesh import UPS, Up
 from sarmitsuba.loading.importing.facades import FacadeOptions
 from sarmitsuba.radar.geodesy import Anchor
@@ -70,6 +71,9 @@ class ImportOptions:
                     f"import: --{name} = {value:g} m is outside {low:g} to {high:g} m; choose a value within"
                 )
         if self.unit != "auto" and self.unit not in UNITS:
-            raise SceneError(f'import: unit "{self.unit}" is unknown; choose one of {", ".join(UNITS)}')
+            guess = did_you_mean(self.unit, UNITS)
+            raise SceneError(
+                f'import: unit "{self.unit}" is unknown{guess}; choose one of {", ".join(UNITS)}'
+            )
         if self.up not in UPS:
             raise SceneError(f'import: up axis "{self.up}" is unknown; choose one of {", ".join(UPS)}')

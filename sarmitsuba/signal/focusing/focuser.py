@@ -16,7 +16,7 @@ import numpy as np
 
 from sarmitsuba.core.arrays import C64, F64, LinearMap
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.core.parameters import BOOLEANS, is_finite
+from sarmitsuba.core.parameters import BOOLEANS, did_you_mean, is_finite
 from sarmitsuba.core.progress import Progress
 from sarmitsuba.core.registry import Registry
 from sarmitsuba.machine.memory import check_fits
@@ -101,7 +101,10 @@ class WithOptions:
         for name, text in texts.items():
             if name not in self.options:
                 takes = ", ".join(self.options) or "none"
-                raise DataError(f"{self.kind} {self.name}: option {name!r} is unknown; it takes {takes}")
+                guess = did_you_mean(name, self.options)
+                raise DataError(
+                    f"{self.kind} {self.name}: option {name!r} is unknown{guess}; it takes {takes}"
+                )
             kind = type(self.options[name])
             try:
                 values[name] = BOOLEANS[text.lower()] if kind is bool else kind(text)

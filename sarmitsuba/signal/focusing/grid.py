@@ -14,6 +14,7 @@ import scipy
 
 from sarmitsuba.core.arrays import C64, F64, LinearMap
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.parameters import did_you_mean
 from sarmitsuba.radar.image_request import MAX_PIXELS, ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import (
@@ -62,7 +63,10 @@ def image_request(
     known = {field.name for field in dataclasses.fields(ImageRequest)}
     unknown = sorted(set(changes) - known)
     if unknown:
-        raise DataError(f"image request: {', '.join(unknown)} unknown; it has {', '.join(sorted(known))}")
+        guess = did_you_mean(unknown[0], known)
+        raise DataError(
+            f"image request: {', '.join(unknown)} unknown{guess}; it has {', '.join(sorted(known))}"
+        )
     for axis in ("azimuth", "range"):  # a new extent counts, not an earlier number of pixels
         if f"extent_{axis}" in changes:
             changes.setdefault(f"pixels_{axis}", 0)

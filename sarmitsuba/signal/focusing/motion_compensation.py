@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C64, C128, F32, F64, I64, LinearMap, unit_rows
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.parameters import did_you_mean
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
@@ -467,7 +468,8 @@ def needs_compensation(
     """
     if option not in MOTION_COMPENSATIONS:
         raise DataError(
-            f"motion compensation {option!r}: unknown; choose one of {', '.join(MOTION_COMPENSATIONS)}"
+            f"motion compensation {option!r}: unknown{did_you_mean(option, MOTION_COMPENSATIONS)}; choose one of "
+            f"{', '.join(MOTION_COMPENSATIONS)}"
         )
     if not focuser.objection(radar, grid):
         return None

@@ -7,6 +7,7 @@ import scipy.fft
 
 from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.parameters import did_you_mean
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.windows import Window
 from sarmitsuba.signal.raw.gridding import GriddingKernel, gridding_kernel
@@ -28,7 +29,8 @@ def parse_interpolation(text: str) -> int:
     ``linear`` (width 2), ``kernel`` (width 6) or ``kernel:4``, ``kernel:6``, ``kernel:8``.
     """
     if text not in INTERPOLATIONS:
-        raise DataError(f"interpolation {text!r}: unknown; choose one of {', '.join(INTERPOLATIONS)}")
+        guess = did_you_mean(text, INTERPOLATIONS)
+        raise DataError(f"interpolation {text!r}: unknown{guess}; choose one of {', '.join(INTERPOLATIONS)}")
     return INTERPOLATIONS[text]
 
 

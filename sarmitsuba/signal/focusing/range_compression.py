@@ -9,6 +9,7 @@ import scipy.fft
 
 from sarmitsuba.core.arrays import C64, C128, LinearMap
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.parameters import did_you_mean
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.profiles import band_weights
 from sarmitsuba.signal.focusing.windows import parse_window
@@ -37,7 +38,10 @@ def compression_filter(radar: Radar, n_fft: int, method: str = "matched") -> C12
     ``flat`` raises the noise at the band's edges: by 6 dB at the edge itself, about ``1 / sqrt(B T_p)`` on the whole.
     """
     if method not in COMPRESSIONS:
-        raise DataError(f"range compression {method!r}: unknown; choose one of {', '.join(COMPRESSIONS)}")
+        guess = did_you_mean(method, COMPRESSIONS)
+        raise DataError(
+            f"range compression {method!r}: unknown{guess}; choose one of {', '.join(COMPRESSIONS)}"
+        )
     wave, rate = radar.waveform, radar.window.sampling_rate
     pulse = chirp_spectrum(radar, n_fft)
     band = band_weights(n_fft, rate, wave.bandwidth, parse_window("rectangular"))

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from sarmitsuba.core.constants import DEFAULT_WINDOW
 from sarmitsuba.core.errors import DataError, SceneError
+from sarmitsuba.core.parameters import did_you_mean
 from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.core.timing import Clock
 from sarmitsuba.effects.plan import EffectsPlan
@@ -84,7 +85,8 @@ class RenderOptions:
         settings = replace(scene.settings, **changes) if changes else scene.settings  # type: ignore[arg-type]
         if settings.method not in METHODS:
             raise SceneError(
-                f"{scene.name}: method {settings.method!r} is unknown; choose one of {', '.join(METHODS)}"
+                f"{scene.name}: method {settings.method!r} is unknown{did_you_mean(settings.method, METHODS)}; "
+                f"choose one of {', '.join(METHODS)}"
             )
         return replace(scene, settings=settings) if changes else scene
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from sarmitsuba.core.errors import OutputError
+from sarmitsuba.core.parameters import did_you_mean
 from sarmitsuba.machine.atomic import atomic_path
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry
 from sarmitsuba.truth.validation.comparison import TOPICS, Case, Comparison, summarise
@@ -29,10 +30,16 @@ def select(names: Collection[str] = (), topics: Collection[str] = ()) -> tuple[C
     known = {entry.topic for entry in entries}
     for name in names:
         if name not in CASES:
-            raise OutputError(f"validate: there is no case {name!r}; `validate --list` shows all cases")
+            guess = did_you_mean(name, CASES.names)
+            raise OutputError(
+                f"validate: there is no case {name!r}{guess}; `validate --list` shows all cases"
+            )
     for topic in topics:
         if topic not in known:
-            raise OutputError(f"validate: there is no topic {topic!r}; `validate --list` shows all topics")
+            guess = did_you_mean(topic, known)
+            raise OutputError(
+                f"validate: there is no topic {topic!r}{guess}; `validate --list` shows all topics"
+            )
     order = [*TOPICS, *sorted(known - set(TOPICS))]
     chosen = [e for e in entries if not (names or topics) or e.name in names or e.topic in topics]
     return tuple(sorted(chosen, key=lambda entry: order.index(entry.topic)))

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.parameters import did_you_mean
 from sarmitsuba.core.registry import Registry
 
 
@@ -116,7 +117,10 @@ def parse_window(text: str | Window) -> Window:
         return text
     name, *rest = text.strip().lower().split(":")
     if name not in WINDOWS:
-        raise DataError(f"window {text!r}: unknown; choose one of {', '.join(f.syntax for f in WINDOWS)}")
+        raise DataError(
+            f"window {text!r}: unknown{did_you_mean(name, WINDOWS.names)}; choose one of "
+            f"{', '.join(f.syntax for f in WINDOWS)}"
+        )
     family = WINDOWS[name]
     try:
         given = tuple(float(item) for item in rest)

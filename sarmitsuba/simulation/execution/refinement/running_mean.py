@@ -22,6 +22,7 @@ from sarmitsuba.core.errors import DataError
 from sarmitsuba.machine.atomic import atomic_path
 from sarmitsuba.machine.encoding import json_value, to_json
 from sarmitsuba.machine.regular_files import open_regular
+from sarmitsuba.machine.unfinished import offer_resuming
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.raw.raw_data import Layer, RawData, channels_of, sum_of_channel
 from sarmitsuba.simulation.execution.refinement.error_bars import PASSES, SUBSETS, Source
@@ -164,6 +165,7 @@ class Passes:
                 change=none if self.change is None else self.change,
                 record=np.frombuffer(json.dumps(record).encode(), dtype=np.uint8),
             )
+        offer_resuming(path)
 
     @staticmethod
     def load(path: Path, fingerprint: str, layout: PassLayout) -> "Passes":
