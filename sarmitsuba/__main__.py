@@ -11,6 +11,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from types import FrameType
 
+from sarmitsuba.machine.memory import share_one_heap
 from sarmitsuba.machine.unfinished import remove_shared, remove_unfinished, share_unfinished
 
 # new objects after which Python looks for unreachable cycles: the usual 700 takes 5 % of a short run, most of it by
@@ -33,6 +34,7 @@ def main() -> int:
     process ends without one, and unfinished files are removed.
     """
     _open_streams()
+    share_one_heap()  # before the first thread
     started, ending = os.getpid(), threading.RLock()
     shared = share_unfinished()
 
