@@ -139,7 +139,8 @@ def _guard(guarded: int, read: int, pass_on: int, shared: mmap.mmap) -> None:
 
 def _answers(guarded: int, shared: mmap.mmap) -> bool:
     """Whether the process ends, or has begun to."""
-    for _ in range(round(_PATIENCE / _LOOK)):
+    until = time.monotonic() + _PATIENCE  # a look takes longer where many processes wait for a processor
+    while time.monotonic() < until:
         if shared[0] or os.getppid() != guarded:
             return True
         time.sleep(_LOOK)
