@@ -11,6 +11,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from types import FrameType
 
+from sarmitsuba.machine.memory import share_one_heap
 from sarmitsuba.machine.unfinished import describe_end, remove_shared, remove_unfinished, share_unfinished
 
 # new objects after which Python looks for unreachable cycles: the usual 700 takes 5 % of a short run, most of it by
@@ -32,6 +33,7 @@ def main() -> int:
     process ends without one, and unfinished files are removed.
     """
     _open_streams()
+    share_one_heap()  # before the first thread
     started, ending = os.getpid(), threading.RLock()
     shared = share_unfinished()
 
@@ -138,7 +140,8 @@ def _guard(guarded: int, read: int, pass_on: int, shared: mmap.mmap) -> None:
 
 def _answers(guarded: int, shared: mmap.mmap) -> bool:
     """Whether the process ends, or has begun to."""
-    for _ in range(round(_PATIENCE / _LOOK)):
+    until = time.monotonic() + _PATIENCE  # a look takes longer where many processes wait for a processor
+    while time.monotonic() < until:
         if shared[0] or os.getppid() != guarded:
             return True
         time.sleep(_LOOK)

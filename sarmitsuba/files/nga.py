@@ -3,13 +3,15 @@
 import datetime
 import logging
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, TypeAlias
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
 
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.machine.isolated import survive
 from sarmitsuba.radar.utc import utc_of, utc_text
 
 if TYPE_CHECKING:
@@ -18,13 +20,15 @@ if TYPE_CHECKING:
 # element of a document as wrapped by sarkit: a mapping by the names of the standard
 Element: TypeAlias = Any
 
+T = TypeVar("T")
+
 MODE_TYPES = {"spotlight": "SPOTLIGHT", "circular": "SPOTLIGHT", "stripmap": "STRIPMAP"}
 OTHER_MODE = "DYNAMIC STRIPMAP"
 POLARISATIONS = {"H": "H", "V": "V", "R": "RHC", "L": "LHC"}
 LETTERS = {name: letter for letter, name in POLARISATIONS.items()}
 
 # exceptions of sarkit and lxml for damaged files; those of lxml are syntax errors
-DAMAGED = (
+_DAMAGED = (
     ArithmeticError,
     AssertionError,
     AttributeError,
@@ -110,6 +114,22 @@ def refuse_document_type(tree: "lxml.etree._ElementTree", what: str) -> None:
         )
 
 
-def said(error: BaseException) -> str:
-    """Message of a library in one line."""
-    return " ".join(str(error).split())[:200] or type(error).__name__
+def read_apart(path: Path, kind: str, read: Callable[[], T]) -> T:
+    """Result of ``read``, after a trial of it in a separate process.
+
+    A document can state polynomials and channels that take any memory, whatever the size of the file.
+
+    Raises
+    ------
+    DataError
+        The file is damaged, or takes more time or memory than any intact file of its size.
+    """
+    try:
+        survive(path, read)
+    except DataError as error:
+        raise DataError(f"{path}: cannot be read as {kind}: {error}") from None
+    try:
+        return read()
+    except _DAMAGED as error:
+        what = " ".join(str(error).split())[:200] or type(error).__name__
+        raise DataError(f"{path}: cannot be read as {kind}: {what}") from error

@@ -7,7 +7,7 @@ from types import ModuleType
 
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.parameters import one_line
-from sarmitsuba.machine.encoding import json_value
+from sarmitsuba.machine.encoding import json_value, within_64_bits
 from sarmitsuba.machine.regular_files import read_text
 
 
@@ -34,7 +34,7 @@ def read_table(path: Path, what: str, most: int) -> Mapping[str, object]:
         raise DataError(f"{path}: cannot read the {noun}: {error.strerror}") from error
     try:
         if path.suffix.lower() == ".toml":
-            content = _toml_reader(path).loads(text)
+            content = _bounded(_toml_reader(path).loads(text))
         else:
             content = json_value(text)
     except (ValueError, RecursionError) as error:  # tomllib's and json's
@@ -42,6 +42,15 @@ def read_table(path: Path, what: str, most: int) -> Mapping[str, object]:
     if not isinstance(content, dict):
         raise DataError(f"{path}: {what} is a table of names and values, this is a {type(content).__name__}")
     return content
+
+
+def _bounded(value: object) -> object:
+    """Value of TOML with whole numbers as those of JSON are read."""
+    if isinstance(value, dict):
+        return {name: _bounded(one) for name, one in value.items()}
+    if isinstance(value, list):
+        return [_bounded(one) for one in value]
+    return within_64_bits(value) if type(value) is int else value
 
 
 def _toml_reader(path: Path) -> ModuleType:

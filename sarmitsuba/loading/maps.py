@@ -16,6 +16,7 @@ from sarmitsuba.core.parameters import Value, did_you_mean, one_line, string_val
 from sarmitsuba.core.units import power_from_db
 from sarmitsuba.loading.elements import Element
 from sarmitsuba.machine.backend import mi
+from sarmitsuba.machine.isolated import survive
 from sarmitsuba.machine.regular_files import check_regular, check_unpacked
 from sarmitsuba.scene.materials.map_materials import varied
 from sarmitsuba.scene.materials.material import ClassMap, Material, SurfaceMaps
@@ -306,9 +307,16 @@ def _file(texture: Element) -> Path:
 
 def _pixels(path: Path, where: str) -> NDArray[np.generic]:
     """Values of a bitmap file as stored, (rows, columns, channels), first row on top."""
+    bitmap = mi.Bitmap
     _check_size(path, where)
     try:
-        pixels = np.array(mi.Bitmap(str(path)))
+        if not _is_exr(
+            path
+        ):  # that is decoded by threads, which a fork does not copy, in time by its checked size
+            survive(path, lambda: bitmap(str(path)))
+        pixels = np.array(bitmap(str(path)))
+    except DataError as error:
+        raise SceneError(f"{where}: bitmap {path.name}: {error}") from None
     except (RuntimeError, ValueError) as error:
         what = one_line(str(error).rpartition(": ")[2] or "unreadable", 100)
         raise SceneError(
@@ -326,9 +334,8 @@ def _check_size(path: Path, where: str) -> None:
 
     try:
         size = check_regular(path)
-        with path.open("rb") as file:
-            exr = file.read(len(_EXR)) == _EXR
-        if exr:
+        if _is_exr(path):
+            survive(path, lambda: _exr_size(path))
             width, height, unpacked = _exr_size(path)
         else:
             with warnings.catch_warnings():
@@ -342,6 +349,8 @@ def _check_size(path: Path, where: str) -> None:
         raise SceneError(
             f"{where}: cannot read bitmap {path.name}: {one_line(what, 100)}; give a PNG, JPEG or OpenEXR file"
         ) from None
+    except DataError as error:
+        raise SceneError(f"{where}: bitmap {path.name}: {error}") from None
     except Image.DecompressionBombError:
         raise SceneError(
             f"{where}: bitmap {path.name} has more pixels than the bound {MOST_PIXELS}; resample it"
@@ -364,6 +373,11 @@ def _check_size(path: Path, where: str) -> None:
         check_unpacked(unpacked, size)
     except DataError as error:
         raise SceneError(f"{where}: bitmap {path.name}: {error}") from None
+
+
+def _is_exr(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(_EXR)) == _EXR
 
 
 def _exr_size(path: Path) -> tuple[int, int, int]:

@@ -21,7 +21,7 @@ from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import BackendError, SarmitsubaWarning
 from sarmitsuba.machine.exclusive import check_backend_kept
 from sarmitsuba.machine.kernel_cache import prepare_kernel_cache
-from sarmitsuba.machine.memory import check_limits
+from sarmitsuba.machine.memory import check_limits, share_one_heap
 
 if TYPE_CHECKING:
     import drjit as dr
@@ -110,6 +110,7 @@ def ensure_backend(prefer: str | None = None) -> Backend:
         No back end works, or the requested variant does not exist or cannot start.
     """
     check_backend_kept()
+    share_one_heap()
     late = "drjit" in sys.modules
     if not late:
         check_limits()

@@ -3,11 +3,14 @@
 import dataclasses
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import PurePath
 from typing import Any
 
 import numpy as np
+
+# characters of the longest integer of 64 bits
+_LONGEST_WHOLE = 20
 
 Json = dict[str, "Json"] | list["Json"] | str | int | float | bool | None
 
@@ -45,8 +48,13 @@ def to_json(value: object, *, strict: bool = False) -> Json:
     return convert(value)
 
 
-def json_value(text: str | bytes) -> Any:
-    """Value of an untrusted JSON text.
+def json_value(text: str | bytes, refuse: Callable[[str], object] | None = None) -> Any:
+    """Value of an untrusted JSON text; a whole number beyond 64 bits is a float, infinite where it is larger still.
+
+    Parameters
+    ----------
+    text : in UTF-8
+    refuse : called with ``NaN``, ``Infinity`` or ``-Infinity``, which are no JSON; None: they are read as floats
 
     Raises
     ------
@@ -54,6 +62,17 @@ def json_value(text: str | bytes) -> Any:
         It is malformed, not UTF-8, or nested too deeply.
     """
     try:
-        return json.loads(text)
+        return json.loads(text, parse_int=_whole, parse_constant=refuse)
     except RecursionError:
         raise ValueError("its entries are nested too deeply") from None
+
+
+def _whole(digits: str) -> int | float:
+    return within_64_bits(int(digits)) if len(digits) <= _LONGEST_WHOLE else float(digits)
+
+
+def within_64_bits(value: int) -> int | float:
+    """The number as it is, or as a float: NumPy and formats of files take no integer of more than 64 bits."""
+    if -(2**63) <= value < 2**64:
+        return value
+    return float(value) if abs(value) < 2**1000 else math.copysign(math.inf, 1 if value > 0 else -1)

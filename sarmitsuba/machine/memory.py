@@ -1,8 +1,10 @@
 """Memory of the process: present, peak and available."""
 
+import ctypes
 import os
 import sys
 import threading
+from functools import lru_cache
 from pathlib import Path
 
 from sarmitsuba.core.errors import ResourceError
@@ -109,6 +111,24 @@ def _container(limit: str, use: str, statistics: str, cache: str) -> int | None:
     except (OSError, ValueError, IndexError):  # "max", or no such container
         return None
     return max(0, bound - used + reclaimable)
+
+
+# glibc: largest number of heaps, by its function mallopt, and where a user sets it
+_ARENA_MAX = -8
+_ARENA_VARIABLES = {"MALLOC_ARENA_MAX": "", "GLIBC_TUNABLES": "glibc.malloc.arena_max"}
+
+
+@lru_cache(maxsize=1)
+def share_one_heap() -> None:
+    """Let threads that start later allocate from one heap, unless the user has set the number of heaps.
+
+    glibc gives each thread its own, up to eight for a processor, and returns little of what threads have freed: a
+    process grows towards the sum of the largest use of each heap. Other systems are left as they are.
+    """
+    if any(name in os.environ and text in os.environ[name] for name, text in _ARENA_VARIABLES.items()):
+        return
+    if sys.platform == "linux" and hasattr(library := ctypes.CDLL(None), "mallopt"):
+        library.mallopt(_ARENA_MAX, 1)
 
 
 # address space, bytes: libraries and kernels reserve 0.7 GB with two threads, each further one its stack; with less

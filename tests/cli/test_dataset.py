@@ -108,16 +108,17 @@ def test_a_killed_run_goes_on_with_the_same_bits(
     whole: Path, recipe: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
-    argv = ["dataset", str(recipe), "-o", str(out), "--quiet", "--jobs", "1"]
+    argv = ["dataset", str(recipe), "-o", str(out), "--quiet", "--jobs", "2"]
     killed = subprocess.run([sys.executable, "-c", KILLED, *argv], capture_output=True, text=True)
-    assert killed.returncode == -signal.SIGKILL, killed.stderr
+    assert killed.returncode == -signal.SIGKILL
+    assert killed.stderr == ""  # until the last process has ended; nothing of theirs is left in the system
     assert {p.name for p in out.iterdir() if p.suffix != ".png"} == {"samples.journal", ".sarmitsuba.json"}
     numbers: list[int] = []
     monkeypatch.setattr(
         generate, "make_sample", lambda drawer, n: numbers.append(n) or sample.make_sample(drawer, n)
     )
     assert made(recipe, out, "--jobs", "1") == content(whole)
-    assert numbers == [2, 3, 4]  # finished ones are not made again
+    assert len(numbers) == 3  # finished ones are not made again
 
 
 def test_a_finished_data_set_is_left_alone(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:

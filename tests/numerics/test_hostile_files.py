@@ -1,5 +1,6 @@
 """A part of benchmarks/studies/hostile.py: drawn damage to every kind of file, and what is refused by rule."""
 
+import io
 import os
 import random
 import signal
@@ -8,12 +9,14 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from sarmitsuba import cli
 from sarmitsuba.commands.scenes import copy_scene
 from sarmitsuba.core.errors import DataError, RadarError, SarmitsubaError, SceneError
 from sarmitsuba.files import read_raw
 from sarmitsuba.loading.load import load_scene
+from sarmitsuba.loading.maps import _pixels as read_pixels
 from sarmitsuba.machine import exclusive
 from sarmitsuba.machine.isolated import survive
 from sarmitsuba.machine.kernel_cache import CACHE_VARIABLE, prepare_kernel_cache
@@ -157,6 +160,35 @@ def test_document_types_in_cphd_are_refused(samples: Path, tmp_path: Path) -> No
     path.write_bytes(whole[:start] + text.ljust(size) + whole[start + size :])
     with pytest.raises(DataError, match="document type"):
         read_raw(path)
+
+
+def test_polynomials_of_any_order_in_cphd_are_refused(samples: Path, tmp_path: Path) -> None:
+    """One coefficient of order 16 000 in both variables is a table of 2 GB, in a file of 15 kB."""
+    whole = (samples / "raw.cphd").read_bytes()
+    start = whole.index(b"<CODTimePoly")
+    size = whole.index(b"</CODTimePoly>", start) + len(b"</CODTimePoly>") - start
+    path = tmp_path / "raw.cphd"
+    for order in (0, 16_000):
+        orders = [f'{name}{i}="{order}"' for name in ("order", "exponent") for i in (1, 2)]
+        text = f"<CODTimePoly {' '.join(orders[:2])}><Coef {' '.join(orders[2:])}>0.03</Coef></CODTimePoly>"
+        path.write_bytes(whole[:start] + text.encode().ljust(size) + whole[start + size :])
+        if order == 0:
+            read_raw(path)
+    with pytest.raises(DataError, match="times its size"):
+        read_raw(path)
+
+
+def test_scans_of_a_picture_are_bounded_by_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A progressive JPEG may go through all of its pixels once more for every 95 bytes."""
+    monkeypatch.setattr("sarmitsuba.machine.isolated._LEAST_LIMIT", 1)
+    stored = io.BytesIO()
+    Image.new("L", (2000, 2000)).save(stored, "jpeg", progressive=True)
+    whole, path = stored.getvalue(), tmp_path / "map.jpg"
+    path.write_bytes(whole)
+    assert read_pixels(path, "map").shape == (2000, 2000, 1)
+    path.write_bytes(whole[:-2] + whole[whole.rindex(b"\xff\xda") : -2] * 10_000 + whole[-2:])
+    with pytest.raises(SceneError, match="never ends"):
+        read_pixels(path, "map")
 
 
 def test_names_of_thousands_of_characters_are_cut(tmp_path: Path) -> None:

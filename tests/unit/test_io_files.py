@@ -21,6 +21,7 @@ import sarmitsuba
 from sarmitsuba.core.errors import DataError, OutputError
 from sarmitsuba.files import read_image, read_raw, write_image, write_raw
 from sarmitsuba.files.formats import FORMATS, FileFormat, find_format
+from sarmitsuba.files.table_file import read_table
 from sarmitsuba.machine import parameter_file
 from sarmitsuba.machine.atomic import atomic_path
 from sarmitsuba.machine.encoding import to_json
@@ -594,3 +595,16 @@ def test_a_file_that_cannot_be_opened_is_closed_without_a_word(tmp_path: Path) -
         gone.__init__(tmp_path / "no folder" / "file.h5")  # type: ignore[misc]
     gone.close()
     assert gone.closed
+
+
+@pytest.mark.parametrize("suffix", ["json", "toml"])
+def test_whole_numbers_beyond_64_bits_are_floats(suffix: str, tmp_path: Path) -> None:
+    """Neither np.isfinite nor a format of numbers takes a larger integer, nor float() one of 400 digits."""
+    given = {"most": 2**64 - 1, "least": -(2**63), "more": 2**64, "less": -(2**63) - 1, "long": 10**400}
+    path = tmp_path / f"table.{suffix}"
+    text = "".join(f"{name} = {value}\n" for name, value in given.items())
+    path.write_text(json.dumps(given) if suffix == "json" else text, encoding="utf-8")
+    table = read_table(path, "a table", 10_000)
+    assert (table["most"], table["least"]) == (2**64 - 1, -(2**63))
+    assert (table["more"], table["less"], table["long"]) == (2.0**64, -(2.0**63), np.inf)
+    assert all(type(table[name]) is float for name in ("more", "less", "long"))

@@ -1,5 +1,9 @@
 """How much memory there is, and what is refused."""
 
+import ctypes
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -43,3 +47,38 @@ def test_this_process_holds_what_it_allocates() -> None:
 )
 def test_bytes_for_people(value: float, text: str) -> None:
     assert memory.in_bytes(value) == text
+
+
+HEAPS = """
+import ctypes, re, sys, threading
+from sarmitsuba.machine.memory import share_one_heap
+share_one_heap()
+library = ctypes.CDLL(None)
+library.fopen.restype = ctypes.c_void_p
+together = threading.Barrier(4)
+def use():
+    block = ctypes.create_string_buffer(50_000)
+    together.wait()
+for thread in (threads := [threading.Thread(target=use) for _ in range(4)]):
+    thread.start()
+for thread in threads:
+    thread.join()
+file = ctypes.c_void_p(library.fopen(sys.argv[1].encode(), b"w"))
+library.malloc_info(0, file)
+library.fclose(file)
+print(len(re.findall("<heap nr", open(sys.argv[1]).read())))
+"""
+
+
+@pytest.mark.skipif(
+    sys.platform != "linux" or not hasattr(ctypes.CDLL(None), "malloc_info"),
+    reason="heaps are counted by glibc",
+)
+@pytest.mark.parametrize(("given", "expected"), [({}, 1), ({"MALLOC_ARENA_MAX": "3"}, 3)])
+def test_threads_share_one_heap_unless_the_user_sets_how_many(
+    tmp_path: Path, given: dict[str, str], expected: int
+) -> None:
+    left = {name: text for name, text in os.environ.items() if name not in memory._ARENA_VARIABLES}
+    command = [sys.executable, "-c", HEAPS, str(tmp_path / "heaps.xml")]
+    done = subprocess.run(command, env=left | given, capture_output=True, text=True, check=True)
+    assert int(done.stdout) == expected

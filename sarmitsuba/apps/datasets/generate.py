@@ -3,15 +3,17 @@
 import hashlib
 import json
 import multiprocessing
+import multiprocessing.connection
+import multiprocessing.resource_tracker
 import os
 import re
 import signal
+import traceback
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from threading import Thread
 from typing import Protocol
@@ -26,7 +28,7 @@ from sarmitsuba.apps.datasets.recipe import PART_NAMES
 from sarmitsuba.apps.datasets.record import SampleForm, append
 from sarmitsuba.apps.datasets.sample import Sample, make_sample
 from sarmitsuba.apps.datasets.store import records, write_store
-from sarmitsuba.core.errors import DataError, ResourceError
+from sarmitsuba.core.errors import DataError, ResourceError, SarmitsubaError
 from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.core.registry import load_extension
 from sarmitsuba.files import write_raw
@@ -42,8 +44,6 @@ DATASET_FILES = re.compile(
     r"dataset\.h5|datacard\.md|samples\.journal|annotations_(train|validation|test)\.json|"
     r"picture_\d{7}_\d{4}\.png|raw_\d{7}\.h5"
 )
-# tasks given to each process ahead
-_AHEAD = 2
 # most bytes of an extension
 _MOST_TEXT = 10_000_000
 
@@ -221,15 +221,21 @@ def _same(drawer: Drawer) -> Drawer:
     return drawer
 
 
-_drawer: Drawer | None = None  # of a process that makes samples
-
-
-def _start(drawer: Drawer, extensions: Sequence[str]) -> None:
-    global _drawer
+def _work(pipe: "multiprocessing.connection.Connection", drawer: Drawer, extensions: tuple[str, ...]) -> None:
+    """Body of a process: the samples of the numbers that come, until the pipe is closed; an error is the last."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it cannot be blocked; the parent ends this process
     Thread(target=_end_with_parent, daemon=True).start()
-    for extension in extensions:
-        load_extension(extension, again=False)
-    _drawer = drawer
+    try:
+        for extension in extensions:
+            load_extension(extension, again=False)
+        while True:
+            pipe.send(make_sample(drawer, pipe.recv()))
+    except (EOFError, BrokenPipeError):
+        return
+    except (SarmitsubaError, MemoryError) as error:
+        pipe.send(error)
+    except Exception:  # the program's own: the parent shows where
+        pipe.send(RuntimeError(traceback.format_exc()))
 
 
 def _end_with_parent() -> None:
@@ -240,38 +246,61 @@ def _end_with_parent() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
 
-def _make(number: int) -> Sample:
-    assert _drawer is not None
-    return make_sample(_drawer, number)
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Context in which a process starts that Ctrl-C does not reach, not even while it imports modules."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    multiprocessing.resource_tracker.ensure_running()  # whose start would let them through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _by_processes(
     drawer: Drawer, numbers: Sequence[int], processes: int, extensions: Sequence[str]
 ) -> Iterator[Sample]:
+    """Samples by processes, each of which is given one number after the other through a pipe.
+
+    The queues of `concurrent.futures` have named semaphores, which a process that is killed leaves in the system.
+    """
+    context = multiprocessing.get_context("spawn")
+    workers = {}
     todo = iter(numbers)
-    pool = ProcessPoolExecutor(
-        min(processes, len(numbers)),
-        mp_context=multiprocessing.get_context("spawn"),
-        initializer=_start,
-        initargs=(drawer, tuple(extensions)),
-    )
-    running: set[Future[Sample]] = set()
     try:
-        for number in todo:
-            running.add(pool.submit(_make, number))
-            if len(running) >= _AHEAD * processes:
-                finished, running = wait(running, return_when=FIRST_COMPLETED)
-                yield from (future.result() for future in finished)
-        while running:
-            finished, running = wait(running, return_when=FIRST_COMPLETED)
-            yield from (future.result() for future in finished)
-    except BrokenProcessPool:
+        for number in islice(todo, processes):
+            here, there = context.Pipe()
+            process = context.Process(target=_work, args=(there, drawer, tuple(extensions)))
+            with _interrupts_blocked():
+                process.start()
+            there.close()
+            workers[here] = process
+            here.send(number)
+        busy = set(workers)
+        while busy:
+            for pipe in busy.intersection(multiprocessing.connection.wait(busy)):
+                result = pipe.recv()
+                if isinstance(result, Exception):
+                    raise result
+                try:
+                    pipe.send(next(todo))
+                except StopIteration:
+                    busy.remove(pipe)
+                yield result
+    except (EOFError, ConnectionError):
         raise ResourceError(
             "dataset: a process was ended by the system, most often for memory; finished samples are kept, and the "
             "same command continues from them: give fewer --jobs"
         ) from None
     finally:
-        pool.shutdown(cancel_futures=True)
+        for pipe, process in workers.items():
+            pipe.close()
+            process.terminate()
+        for process in workers.values():
+            process.join()
 
 
 def _write_beside(drawer: Drawer, folder: Path, sample: Sample) -> None:

@@ -11,6 +11,7 @@ The echoes are calibrated: the amplitude a_p of a point is the square root of it
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from sarmitsuba.core.parameters import printable
 from sarmitsuba.files.cphd_document import LAYOUT, PROFILE, CphdRecording, GroundArea, document
 from sarmitsuba.files.extras import formats_package
 from sarmitsuba.files.formats import FORMATS, FileFormat
-from sarmitsuba.files.nga import DAMAGED, LETTERS, plain_xml, read_utc, refuse_document_type, said
+from sarmitsuba.files.nga import LETTERS, plain_xml, read_apart, read_utc, refuse_document_type
 from sarmitsuba.files.phase_history import PhaseHistory, raw_of
 from sarmitsuba.machine.atomic import atomic_path
 from sarmitsuba.radar.collection import Signal
@@ -207,62 +208,60 @@ def read_raw(path: Path) -> RawData:
     Antenna patterns are not read.
     """
     sarkit = formats_package("sarkit.cphd", f"{path}: CPHD files need")
-    try:
-        with path.open("rb") as file, plain_xml():
-            _check_header(path, sarkit.read_file_header(file)[1])
-            file.seek(0)
-            reader = sarkit.Reader(file)
-            tree = reader.metadata.xmltree
-            refuse_document_type(tree, str(path))
-            _check_size(path, tree, sarkit.get_pvp_dtype(tree).itemsize)
-            helper = sarkit.XmlHelper(tree)
-            if helper.load("{*}Global/{*}DomainType") != "FX":
-                raise DataError(
-                    f"{path}: samples over time of arrival (TOA) are not supported; write them over frequency (FX)"
-                )
-            sign = helper.load("{*}Global/{*}SGN")
-            latitude, longitude, height = helper.load("{*}SceneCoordinates/{*}IARP/{*}LLH")
-            anchor = Anchor(np.radians(latitude), np.radians(longitude), height)
-            corners = helper.load("{*}SceneCoordinates/{*}ImageAreaCornerPoints")
-            center, length = (
-                helper.load(f"{{*}}Dwell/{{*}}{name}Poly")
-                for name in ("CODTime/{*}CODTime", "DwellTime/{*}DwellTime")
+    return read_apart(path, "CPHD", lambda: _read(path, sarkit))
+
+
+def _read(path: Path, sarkit: ModuleType) -> RawData:
+    """Recording of a file."""
+    with path.open("rb") as file, plain_xml():
+        _check_header(path, sarkit.read_file_header(file)[1])
+        file.seek(0)
+        reader = sarkit.Reader(file)
+        tree = reader.metadata.xmltree
+        refuse_document_type(tree, str(path))
+        _check_size(path, tree, sarkit.get_pvp_dtype(tree).itemsize)
+        helper = sarkit.XmlHelper(tree)
+        if helper.load("{*}Global/{*}DomainType") != "FX":
+            raise DataError(
+                f"{path}: samples over time of arrival (TOA) are not supported; write them over frequency (FX)"
             )
-            start = read_utc(tree.getroot(), "Global/Timeline/CollectionStart")
-            two = tree.findtext("{*}CollectionID/{*}CollectType") == "BISTATIC"
-            histories = []
-            for node in tree.findall("{*}Channel/{*}Parameters"):
-                name = node.findtext("{*}Identifier")
-                signal, vectors = reader.read_channel(name)
-                letters = [node.findtext(f"{{*}}Polarization/{{*}}{one}Pol") for one in ("Tx", "Rcv")]
-                if any(one not in LETTERS for one in letters):
-                    raise DataError(
-                        f"{path}: polarisation {letters} is not supported; supported: H, V, RHC, LHC"
-                    )
-                channel = "".join(LETTERS[one] for one in letters)
-                histories.append(_read_channel(path, channel, signal, vectors, sign, anchor, two, start))
-        missing = [
-            name
-            for name, value in (
-                ("Channel/Parameters", histories),
-                ("ImageAreaCornerPoints", corners),
-                ("CODTimePoly", center),
-                ("DwellTimePoly", length),
-            )
-            if value is None or not len(value)
-        ]
-        if missing:
-            raise DataError(f"{path}: its document has no {missing[0]}; export it again")
-        raw = raw_of(histories)
-        radar = replace(_lit_in_turn(raw.radar, center, length), anchor=anchor)
-        facts = dict(raw.metadata)
-        if (
-            tree.findtext("{*}ProductInfo/{*}Profile") == PROFILE
-        ):  # amplitudes are roots of radar cross sections
-            del facts["calibrated"]
-        return replace(raw, radar=radar, request=_request(raw, anchor, corners), metadata=facts)
-    except DAMAGED as error:
-        raise DataError(f"{path}: cannot be read as CPHD: {said(error)}") from error
+        sign = helper.load("{*}Global/{*}SGN")
+        latitude, longitude, height = helper.load("{*}SceneCoordinates/{*}IARP/{*}LLH")
+        anchor = Anchor(np.radians(latitude), np.radians(longitude), height)
+        corners = helper.load("{*}SceneCoordinates/{*}ImageAreaCornerPoints")
+        center, length = (
+            helper.load(f"{{*}}Dwell/{{*}}{name}Poly")
+            for name in ("CODTime/{*}CODTime", "DwellTime/{*}DwellTime")
+        )
+        start = read_utc(tree.getroot(), "Global/Timeline/CollectionStart")
+        two = tree.findtext("{*}CollectionID/{*}CollectType") == "BISTATIC"
+        histories = []
+        for node in tree.findall("{*}Channel/{*}Parameters"):
+            name = node.findtext("{*}Identifier")
+            signal, vectors = reader.read_channel(name)
+            letters = [node.findtext(f"{{*}}Polarization/{{*}}{one}Pol") for one in ("Tx", "Rcv")]
+            if any(one not in LETTERS for one in letters):
+                raise DataError(f"{path}: polarisation {letters} is not supported; supported: H, V, RHC, LHC")
+            channel = "".join(LETTERS[one] for one in letters)
+            histories.append(_read_channel(path, channel, signal, vectors, sign, anchor, two, start))
+    missing = [
+        name
+        for name, value in (
+            ("Channel/Parameters", histories),
+            ("ImageAreaCornerPoints", corners),
+            ("CODTimePoly", center),
+            ("DwellTimePoly", length),
+        )
+        if value is None or not len(value)
+    ]
+    if missing:
+        raise DataError(f"{path}: its document has no {missing[0]}; export it again")
+    raw = raw_of(histories)
+    radar = replace(_lit_in_turn(raw.radar, center, length), anchor=anchor)
+    facts = dict(raw.metadata)
+    if tree.findtext("{*}ProductInfo/{*}Profile") == PROFILE:  # amplitudes are roots of radar cross sections
+        del facts["calibrated"]
+    return replace(raw, radar=radar, request=_request(raw, anchor, corners), metadata=facts)
 
 
 def _check_header(path: Path, header: Mapping[str, str]) -> None:

@@ -6,6 +6,7 @@ backprojected pixels have the carrier.
 """
 
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from sarmitsuba.core.arrays import C64
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.files.extras import formats_package
 from sarmitsuba.files.formats import FORMATS, FileFormat
-from sarmitsuba.files.nga import DAMAGED, plain_xml, refuse_document_type, said
+from sarmitsuba.files.nga import plain_xml, read_apart, refuse_document_type
 from sarmitsuba.files.sicd_document import Axes, document, image_of
 from sarmitsuba.machine.atomic import atomic_path
 from sarmitsuba.radar.collection import Collection, flight_facts, signal_facts
@@ -91,28 +92,28 @@ def read_image(path: Path) -> SarImage:
     constant RCS factor is applied.
     """
     sarkit = formats_package("sarkit.sicd", f"{path}: SICD files need")
-    try:
-        with path.open("rb") as file, plain_xml(), sarkit.NitfReader(file) as reader:
-            tree = reader.metadata.xmltree
-            refuse_document_type(tree, str(path))
-            rows, columns = (
-                int(tree.findtext(f"{{*}}ImageData/{{*}}Num{what}")) for what in ("Rows", "Cols")
-            )
-            size = path.stat().st_size
-            if rows <= 0 or columns <= 0 or 2 * rows * columns > size:  # 2 bytes each
-                raise DataError(
-                    f"{path}: {rows} x {columns} pixels do not fit into the {size} bytes of the file; it is damaged"
-                )
-            pixels = np.asarray(reader.read_image())
-        if pixels.dtype.names == ("real", "imag"):  # RE16I_IM16I
-            pixels = pixels["real"] + 1j * pixels["imag"].astype(np.float32)
-        if not np.iscomplexobj(pixels):
+    return read_apart(path, "SICD", lambda: _read(path, sarkit))
+
+
+def _read(path: Path, sarkit: ModuleType) -> SarImage:
+    """Image of a file."""
+    with path.open("rb") as file, plain_xml(), sarkit.NitfReader(file) as reader:
+        tree = reader.metadata.xmltree
+        refuse_document_type(tree, str(path))
+        rows, columns = (int(tree.findtext(f"{{*}}ImageData/{{*}}Num{what}")) for what in ("Rows", "Cols"))
+        size = path.stat().st_size
+        if rows <= 0 or columns <= 0 or 2 * rows * columns > size:  # 2 bytes each
             raise DataError(
-                f"{path}: pixels by amplitude and phase tables are not supported; convert them to RE32F_IM32F"
+                f"{path}: {rows} x {columns} pixels do not fit into the {size} bytes of the file; it is damaged"
             )
-        return image_of(sarkit.ElementWrapper(tree.getroot()), pixels.astype(np.complex64), str(path))
-    except DAMAGED as error:
-        raise DataError(f"{path}: cannot be read as SICD: {said(error)}") from error
+        pixels = np.asarray(reader.read_image())
+    if pixels.dtype.names == ("real", "imag"):  # RE16I_IM16I
+        pixels = pixels["real"] + 1j * pixels["imag"].astype(np.float32)
+    if not np.iscomplexobj(pixels):
+        raise DataError(
+            f"{path}: pixels by amplitude and phase tables are not supported; convert them to RE32F_IM32F"
+        )
+    return image_of(sarkit.ElementWrapper(tree.getroot()), pixels.astype(np.complex64), str(path))
 
 
 FORMATS.register(

@@ -1,6 +1,5 @@
 """Safe reading of untrusted JSON and XML: sizes, numbers and entities are checked."""
 
-import json
 import xml.etree.ElementTree as ET
 import xml.parsers.expat
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.core.parameters import one_line
 from sarmitsuba.machine import regular_files
+from sarmitsuba.machine.encoding import json_value
 
 
 class _PrologError(Exception):
@@ -41,11 +41,9 @@ def read_json(path: Path) -> object:
         raise SceneError(f"{path.name}: holds {constant}, which is no JSON number; export it again")
 
     try:
-        content: object = json.loads(read_bytes(path), parse_constant=refuse)
+        content: object = json_value(read_bytes(path), refuse)
     except UnicodeDecodeError as error:
         raise SceneError(f"{path.name}: is not UTF-8 text; export it again") from error
-    except RecursionError as error:
-        raise SceneError(f"{path.name}: JSON is nested too deeply; export it again") from error
     except ValueError as error:
         raise SceneError(f"{path.name}: malformed JSON: {one_line(error)}; export it again") from error
     return content
