@@ -5,12 +5,15 @@ wavelengths, but behind them the same tubes meet posts, tanks and other curved o
 (squares about its rays) from which that happens are therefore divided, as a quadtree, until the tubes are as narrow as
 the later hits need. A divided cell keeps its ray for the first hit; the rays of its parts serve all later ones. Parts
 tile their cell exactly, so that every order of bounce is counted once.
+
+The cells are found by rays through their middles, and by rays through points of the mirror images of such surfaces in
+the large flat facets: a post narrower than a cell hides between the middles.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +24,15 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.simulation.planning.sampling.small_parts import Shortfall
 from sarmitsuba.tracing.kernel.kernel import trace
-from sarmitsuba.tracing.kernel.launch import LatticeLevel, LaunchFrame, LaunchGrid, PulseBatch, Serves, morton
+from sarmitsuba.tracing.kernel.launch import (
+    LatticeLevel,
+    LaunchFrame,
+    LaunchGrid,
+    PulseBatch,
+    Serves,
+    morton,
+    project,
+)
 from sarmitsuba.tracing.kernel.state import Kernel, KernelSettings
 from sarmitsuba.tracing.kernel.table_rows import FaceRow
 
@@ -37,6 +48,10 @@ MOST_RAYS, SHARE = 600_000, 0.5
 FINEST, ENOUGH = 1.0 / 9.0, 1.001
 # rays of the first search: a lattice with fewer is searched with several rays a cell, as narrow bodies hide between
 SEARCHED = 200_000
+# most rays through mirror images, most flat facets that mirror, and rays of such a kind per spacing needed
+MOST_IMAGES, MOST_MIRRORS, PER_NEED = 200_000, 24, 0.5
+# bits of a face's direction and distance, of one, by which faces of one plane are known
+PLANE_ROUNDING = 1e-3
 # rays up to which all antenna positions search, and lanes of one launch
 FEW, MAX_LANES = 300_000, 4_000_000
 # bounces that are followed, the same for all depths of runs so that their rays are; halvings of a cell at a time, and
@@ -71,8 +86,8 @@ def with_divided_cells(
 
     Notes
     -----
-    Ignores slabs that let waves through (their reflection is followed), and bodies so small that every ray of the
-    search misses them.
+    Ignores slabs that let waves through (their reflection is followed), and bodies narrower than a cell that are met
+    after two mirrors, or after one of many facets, where every ray of the search misses them.
     """
     need = np.maximum(scene.needs[0], FINEST * wavelength)
     if grid.purpose == "diffuse" or max_depth < 2 or not (need < grid.spacing / ENOUGH).any():
@@ -195,6 +210,23 @@ class _Cells:
         ij = (m * self.ij[:, None] + index).reshape(-1, 2)
         return _Cells(xy, ij, self.level, self.depth + steps, self.spacing / m, self.needs)
 
+    def holding(self, points: F64, turn: float) -> I64:
+        """Number (n,) of the cell that holds each point (n, 2); -1 for none."""
+        if not self.n or not len(points):
+            return np.full(len(points), -1, dtype=np.int64)
+        c, s = np.cos(turn), np.sin(turn)
+        steps = (points - self.xy[0]) @ np.array([[c, -s], [s, c]]) / self.spacing
+        wanted = np.rint(steps).astype(np.int64) + self.ij[0]
+        low, high = self.ij.min(axis=0), self.ij.max(axis=0)
+        columns = int(high[1] - low[1]) + 1
+        key = (self.ij[:, 0] - low[0]) * columns + self.ij[:, 1] - low[1]
+        order = np.argsort(key, kind="stable")
+        known = key[order]
+        own = (wanted[:, 0] - low[0]) * columns + wanted[:, 1] - low[1]
+        place = np.minimum(np.searchsorted(known, own), known.size - 1)
+        there = (known[place] == own) & ((wanted >= low) & (wanted <= high)).all(axis=1)
+        return np.where(there, order[place], -1)
+
     def spread(self, lack: F64) -> F64:
         """Largest lack (n,) of each cell and its eight neighbours."""
         out = lack.copy()
@@ -254,13 +286,20 @@ class _Search:
     antennas: F64
     wavelength: float
     antenna: Antenna
+    # points of mirror images by level, (n, 2) m, and the lack there per spacing, 1/m
+    images: dict[int, tuple[F64, F64]] = field(default_factory=dict)
 
     def of_roots(self, roots: list[_Cells]) -> list[F64]:
-        """As :meth:`of_cells`, with several rays a cell where there are few cells."""
+        """As :meth:`of_cells`, with several rays a cell where there are few cells, and rays through mirror images."""
         n, steps = sum(cells.n for cells in roots), 0
         finest = FINEST * self.wavelength
         while n * 4 ** (steps + 1) <= SEARCHED and self.grid.spacing * 2.0 ** -(steps + 1) >= finest:
             steps += 1
+        points = _mirrored_points(self.scene, self.grid, self.frame, self.antennas, finest)
+        for cells in roots:
+            inside = points[cells.holding(points, self.grid.turn) >= 0]
+            if len(inside):
+                self.images[cells.level] = inside, self._lack(inside, cells, self.antennas) / cells.spacing
         if not steps:
             return self.of_cells(roots)
         parts = self.of_cells([cells.parts(steps, self.grid.turn) for cells in roots])
@@ -278,7 +317,12 @@ class _Search:
         for cells in groups:
             step = MAX_LANES // len(views)
             rows = [self._lack(cells.xy[i : i + step], cells, views) for i in range(0, cells.n, step)]
-            found.append(np.concatenate(rows) if rows else np.zeros(0))
+            lack = np.concatenate(rows) if rows else np.zeros(0)
+            if cells.level in self.images:
+                points, per_spacing = self.images[cells.level]
+                owner = cells.holding(points, self.grid.turn)
+                np.maximum.at(lack, owner[owner >= 0], cells.spacing * per_spacing[owner >= 0])
+            found.append(lack)
         return found
 
     def _lack(self, xy: F64, cells: _Cells, views: F64) -> F64:
@@ -293,6 +337,56 @@ class _Search:
         dr.eval(lack)
         of_view: F64 = np.asarray(lack.numpy(), dtype=np.float64).reshape(len(views), -1)
         return np.asarray(of_view.max(axis=0))
+
+
+def _mirrored_points(
+    scene: TraceScene, grid: LaunchGrid, frame: LaunchFrame, antennas: F64, finest: float
+) -> F64:
+    """Points (n, 2) of a launch plane in the mirror images of faces that need denser rays than a lattice has.
+
+    Mirrors are the largest planes of faces that need none. Points lie evenly on each face, ``PER_NEED`` to the spacing
+    that it needs, and fewer where they would be more than ``MOST_IMAGES``.
+
+    Parameters
+    ----------
+    finest : m, spacing below which no face needs denser rays
+    """
+    corners, need = scene.triangles, np.maximum(scene.needs[0], finest)
+    fine = need < grid.spacing / ENOUGH
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.linalg.norm(normal, axis=1)
+    flat = ~fine & (size > 0.0)
+    if not fine.any() or not flat.any():
+        return np.zeros((0, 2))
+    unit = normal[flat] / size[flat, None]
+    unit *= np.where((unit @ np.array([1e-3, 2e-3, 1.0])) < 0.0, -1.0, 1.0)[
+        :, None
+    ]  # both sides of one plane
+    distance = np.einsum("ij,ij->i", unit, corners[flat, 0])
+    extent = float(np.abs(scene.bounds).max())
+    plane = np.rint(np.column_stack([unit, distance / max(extent, 1.0)]) / PLANE_ROUNDING)
+    _, first, number = np.unique(plane, axis=0, return_index=True, return_inverse=True)
+    area = np.bincount(number.ravel(), weights=size[flat], minlength=len(first))
+    largest = first[np.argsort(-area, kind="stable")[:MOST_MIRRORS]]
+    antenna = antennas[len(antennas) // 2]
+    faces, wanted = corners[fine], 0.5 * size[fine] * np.square(PER_NEED / need[fine])
+    share = min(1.0, MOST_IMAGES / (len(largest) * float(np.maximum(wanted, 1.0).sum())))
+    count = np.maximum(np.rint(share * wanted), 1.0 if share == 1.0 else 0.0).astype(int)
+    owner = np.repeat(np.arange(len(faces)), count)
+    turn = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+    # an R2 sequence, folded into the triangle: evenly spread
+    a, b = (0.5 + (turn + 1.0) * 0.7548776662466927) % 1.0, (0.5 + (turn + 1.0) * 0.5698402909980532) % 1.0
+    a, b = np.where(a + b > 1.0, 1.0 - a, a)[:, None], np.where(a + b > 1.0, 1.0 - b, b)[:, None]
+    points = (1.0 - a - b) * faces[owner, 0] + a * faces[owner, 1] + b * faces[owner, 2]
+    found = []
+    for k in largest:
+        side = np.sign(unit[k] @ antenna - distance[k])
+        height = points @ unit[k] - distance[k]
+        seen = height * side > 0.0
+        found.append(project(points[seen] - 2.0 * height[seen, None] * unit[k], antenna, frame))
+    xy = np.concatenate(found)
+    reach = np.array([grid.half_x + grid.taper, grid.half_y + grid.taper])
+    return np.asarray(xy[(np.abs(xy) <= reach).all(axis=1)])
 
 
 # paths alone: no returns, every surface a mirror
