@@ -291,7 +291,15 @@ def on_ground(seed: int) -> OnGround:
         image, _ = image_on_ground(scene)
         took = time.process_time() - start
         interval = image.metadata.get("sampling", {}).get("key_pulse_interval", 0)
-        fixed = replace(scene, settings=replace(scene.settings, key_pulse_interval=interval))
+        diffuse = float(image.metadata["ray_spacing_settings"].get("diffuse_ray_spacing", 0.0))
+        fixed = replace(
+            scene,
+            settings=replace(
+                scene.settings,
+                key_pulse_interval=interval,
+                diffuse_ray_spacing=diffuse * 2.0**-TRUTH_HALVINGS,
+            ),
+        )
         dense, _ = image_on_ground(fixed, TRUTH_HALVINGS)
     channel = image.channels[0]
     found, exact = image.total(channel), dense.total(channel)

@@ -9,6 +9,7 @@ what they differ by is the chance of the draw.
 import math
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import scipy
@@ -17,6 +18,7 @@ from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.core.witness import USELESS_DB, Witness
 from sarmitsuba.simulation.planning.sampling.chains import every_nth, halved
+from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.tracing.kernel.launch import LaunchGrid
 
 # rays drawn at first, of a lattice with more; rays that are drawn together: terms of common sides of tubes cancel among
@@ -73,14 +75,9 @@ def witness_rays(
         if step == 1 or _db(error + 2.0 * spread) <= FINE_DB or n_rays > finer * most:
             break
         step = finer
-    scatter = 0.0 if math.isnan(two_sets_db) else 10.0 ** (0.1 * two_sets_db)
-    return Witness(
-        _db(error + scatter),
-        _db(error + 2.0 * spread + scatter),
-        -(-n_rays // step),
-        two_sets_db,
-        "rays at half the spacing, and two sets of rays" if scatter else "rays at half the spacing",
-    )
+    reference = "rays at half the spacing" + ("" if math.isnan(two_sets_db) else ", and two sets of rays")
+    bias = Witness(_db(error), _db(error + 2.0 * spread), -(-n_rays // step), reference=reference)
+    return bias.with_part(two_sets_db)
 
 
 def _differences(
@@ -115,12 +112,14 @@ def _differences(
     return np.where(common > limit * chance, common - chance, 0.0), chance
 
 
-def say_rays(name: str, witness: Witness) -> str:
+def say_rays(name: str, witness: Witness | None) -> str:
     """Text on rays whose measured error is large, or high and far above that of two sets; empty for none.
 
     It is a warning where two sets of rays say so, too. The witness alone counts all echoes of one pulse, also those of
     large errors far from what the image shows.
     """
+    if witness is None:
+        return ""
     measured = f"{name}: the error of the rays at one pulse, measured against half their spacing, is"
     if witness.useless and witness.law_db > USELESS_DB:
         text = f"{measured} {witness.error_db:.1f} dB: the image is not usable; set a smaller ray_spacing"
@@ -131,11 +130,23 @@ def say_rays(name: str, witness: Witness) -> str:
     return ""
 
 
-def may_halve(lattices: Sequence[Sequence[LaunchGrid]]) -> bool:
-    """Whether the bound on rays allows half the spacing."""
-    return all(
-        4 * grid.n_rays <= MOST_RAYS for grids in lattices for grid in grids if grid.purpose != "diffuse"
-    )
+def halved_plan(
+    sampling: SamplingPlan, lattices: Sequence[Sequence[LaunchGrid]], witness: Witness | None
+) -> SamplingPlan | None:
+    """Plan at half the spacing, where automatic rays are too far apart by what is measured; None where they are not.
+
+    Two sets of rays have to say so, too, and half the spacing has to fit the bound on rays.
+
+    Parameters
+    ----------
+    lattices : of every ray set, at one pulse or look
+    """
+    if witness is None or sampling.halvings or sampling.scene.settings.ray_spacing > 0.0:
+        return None
+    coherent = [grid.n_rays for grids in lattices for grid in grids if grid.purpose != "diffuse"]
+    if not (witness.error_db > FINE_DB and witness.law_db > FINE_DB) or 4 * max(coherent) > MOST_RAYS:
+        return None
+    return replace(sampling, halvings=1)
 
 
 def _db(energy: float) -> float:

@@ -1,6 +1,5 @@
 """Error bars of ray sampling: from two independent subsets of a run's rays, or from several passes of rays."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -221,24 +220,13 @@ def with_error_bars(image: SarImage) -> SarImage:
 def _with_sampling_error(
     metadata: Mapping[str, object], errors: Mapping[str, Mapping[str, object]]
 ) -> dict[str, object]:
-    """Metadata with the error bars of an image, which a witness of the ray spacing does not contain: it gets both."""
+    """Metadata with the error bars of an image, in place of those of the echoes also in the witness of the rays."""
     out = {**metadata, "sampling_error": errors}
     witnesses = metadata.get("witnesses")
     found = Witness.read(witnesses.get("rays")) if isinstance(witnesses, Mapping) else None
-    if found is None or not math.isnan(found.law_db) or not isinstance(witnesses, Mapping):
+    if found is None or not isinstance(witnesses, Mapping):
         return out
     worst = max(float(error["error_db"]) for error in errors.values())  # type: ignore[arg-type]
-    both = replace(
-        found,
-        error_db=_sum_db(found.error_db, worst),
-        upper_db=_sum_db(found.upper_db, worst),
-        law_db=worst,
-        reference=f"{found.reference}, and {next(iter(errors.values())).get('source', '')}",
-    )
+    reference = f"{found.reference.partition(',')[0]}, and {next(iter(errors.values())).get('source', '')}"
+    both = replace(found.with_part(worst), reference=reference)
     return {**out, "witnesses": {**witnesses, "rays": both.as_dict()}}
-
-
-def _sum_db(*levels: float) -> float:
-    """Level of the sum of energies, dB."""
-    total = sum(10.0 ** (0.1 * level) for level in levels)
-    return 10.0 * math.log10(total) if total > 0.0 else -math.inf

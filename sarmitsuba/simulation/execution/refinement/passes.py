@@ -277,11 +277,7 @@ class _PassImage:
         """Error with that of the ray spacing, dB, which all passes share, as measured in the last and densest one."""
         witnesses = self.passes.metadata.get("witnesses")
         found = Witness.read(witnesses.get("rays")) if isinstance(witnesses, Mapping) else None
-        if found is None:
-            return error_db
-        scatter = 0.0 if np.isnan(found.law_db) else 10.0 ** (0.1 * found.law_db)
-        bias = max(10.0 ** (0.1 * found.error_db) - scatter, 0.0)
-        return float(10.0 * np.log10(10.0 ** (0.1 * error_db) + bias))
+        return error_db if found is None else found.with_part(error_db).error_db
 
 
 def blocks_of(state: Path) -> Path:

@@ -48,8 +48,10 @@ MOST_RAYS, SHARE = 600_000, 0.5
 FINEST, ENOUGH = 1.0 / 9.0, 1.001
 # rays of the first search: a lattice with fewer is searched with several rays a cell, as narrow bodies hide between
 SEARCHED = 200_000
-# most rays through mirror images, most flat facets that mirror, and rays of such a kind per spacing needed
-MOST_IMAGES, MOST_MIRRORS, PER_NEED = 200_000, 24, 0.5
+# most rays through mirror images, and their number per spacing needed; most planes that mirror, alone and in pairs, and
+# points by which each is tried
+MOST_IMAGES, PER_NEED = 200_000, 0.5
+MOST_MIRRORS, MOST_PAIRED, PROBED = 24, 8, 200
 # bits of a face's direction and distance, of one, by which faces of one plane are known
 PLANE_ROUNDING = 1e-3
 # rays up to which all antenna positions search, and lanes of one launch
@@ -87,7 +89,7 @@ def with_divided_cells(
     Notes
     -----
     Ignores slabs that let waves through (their reflection is followed), and bodies narrower than a cell that are met
-    after two mirrors, or after one of many facets, where every ray of the search misses them.
+    after three mirrors, or after small ones, where every ray of the search misses them.
     """
     need = np.maximum(scene.needs[0], FINEST * wavelength)
     if grid.purpose == "diffuse" or max_depth < 2 or not (need < grid.spacing / ENOUGH).any():
@@ -339,54 +341,108 @@ class _Search:
         return np.asarray(of_view.max(axis=0))
 
 
+@dataclass(frozen=True, eq=False)
+class _Mirrors:
+    """Largest planes of flat facets.
+
+    Parameters
+    ----------
+    unit, distance : (n, 3) normals and (n,) m, distances from the origin
+    low, high : (n, 3) m, bounds of the facets in each
+    """
+
+    unit: F64
+    distance: F64
+    low: F64
+    high: F64
+
+    @staticmethod
+    def of(corners: F64, extent: float, margin: float) -> _Mirrors:
+        """The ``MOST_MIRRORS`` largest planes of faces (n, 3, 3), m.
+
+        Parameters
+        ----------
+        extent : m, of the scene
+        margin : m, by which bounds are wider
+        """
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        size = np.linalg.norm(normal, axis=1)
+        corners, unit, size = corners[size > 0.0], normal[size > 0.0], size[size > 0.0]
+        unit = unit / size[:, None]
+        unit *= np.where(unit @ np.array([1e-3, 2e-3, 1.0]) < 0.0, -1.0, 1.0)[
+            :, None
+        ]  # either side is one plane
+        distance = np.einsum("ij,ij->i", unit, corners[:, 0])
+        plane = np.rint(np.column_stack([unit, distance / max(extent, 1.0)]) / PLANE_ROUNDING)
+        _, first, number = np.unique(plane, axis=0, return_index=True, return_inverse=True)
+        number = number.ravel()
+        largest = np.argsort(-np.bincount(number, weights=size), kind="stable")[:MOST_MIRRORS]
+        boxes = [corners[number == k].reshape(-1, 3) for k in largest]
+        low, high = (np.array([f(box, axis=0) for box in boxes]).reshape(-1, 3) for f in (np.min, np.max))
+        return _Mirrors(unit[first[largest]], distance[first[largest]], low - margin, high + margin)
+
+    def image(self, k: int, points: F64) -> F64:
+        """Mirror images of points (n, 3) in a plane."""
+        return np.asarray(points - 2.0 * (points @ self.unit[k] - self.distance[k])[:, None] * self.unit[k])
+
+    def seen(self, chain: tuple[int, ...], antenna: F64, points: F64) -> F64:
+        """Images (m, 3) of the points (n, 3) that the antenna sees in a chain of mirrors, the first mirror first.
+
+        Facets of a plane count as far as their bounds; what stands before them does not count.
+        """
+        images = [antenna[None]]
+        for k in chain[:-1]:
+            images.append(self.image(k, images[-1]))
+        for k, place in zip(chain[::-1], images[::-1], strict=True):
+            height, own = points @ self.unit[k] - self.distance[k], place[0] @ self.unit[k] - self.distance[k]
+            points, height = points[height * own > 0.0], height[height * own > 0.0]
+            points = self.image(k, points)
+            met = place + (points - place) * (own / (own + height))[:, None]
+            points = points[((met >= self.low[k]) & (met <= self.high[k])).all(axis=1)]
+        return points
+
+
 def _mirrored_points(
     scene: TraceScene, grid: LaunchGrid, frame: LaunchFrame, antennas: F64, finest: float
 ) -> F64:
     """Points (n, 2) of a launch plane in the mirror images of faces that need denser rays than a lattice has.
 
-    Mirrors are the largest planes of faces that need none. Points lie evenly on each face, ``PER_NEED`` to the spacing
-    that it needs, and fewer where they would be more than ``MOST_IMAGES``.
+    Mirrors are the largest planes of faces that need none, and pairs of the ``MOST_PAIRED`` largest. Points lie evenly
+    on each face, ``PER_NEED`` to the spacing that it needs, and fewer where they would be more than ``MOST_IMAGES``.
 
     Parameters
     ----------
     finest : m, spacing below which no face needs denser rays
     """
-    corners, need = scene.triangles, np.maximum(scene.needs[0], finest)
+    need = np.maximum(scene.needs[0], finest)
     fine = need < grid.spacing / ENOUGH
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    size = np.linalg.norm(normal, axis=1)
-    flat = ~fine & (size > 0.0)
-    if not fine.any() or not flat.any():
+    faces, antenna = scene.triangles[fine], antennas[len(antennas) // 2]
+    mirrors = _Mirrors.of(scene.triangles[~fine], float(np.abs(scene.bounds).max()), grid.spacing)
+    n = len(mirrors.unit)
+    chains: list[tuple[int, ...]] = [(k,) for k in range(n)]
+    chains += [(a, b) for a in range(min(n, MOST_PAIRED)) for b in range(min(n, MOST_PAIRED)) if a != b]
+    middle = faces.mean(axis=1)[:: max(1, len(faces) // PROBED)]
+    chains = [chain for chain in chains if len(mirrors.seen(chain, antenna, middle))]
+    if not chains or not len(faces):
         return np.zeros((0, 2))
-    unit = normal[flat] / size[flat, None]
-    unit *= np.where((unit @ np.array([1e-3, 2e-3, 1.0])) < 0.0, -1.0, 1.0)[
-        :, None
-    ]  # both sides of one plane
-    distance = np.einsum("ij,ij->i", unit, corners[flat, 0])
-    extent = float(np.abs(scene.bounds).max())
-    plane = np.rint(np.column_stack([unit, distance / max(extent, 1.0)]) / PLANE_ROUNDING)
-    _, first, number = np.unique(plane, axis=0, return_index=True, return_inverse=True)
-    area = np.bincount(number.ravel(), weights=size[flat], minlength=len(first))
-    largest = first[np.argsort(-area, kind="stable")[:MOST_MIRRORS]]
-    antenna = antennas[len(antennas) // 2]
-    faces, wanted = corners[fine], 0.5 * size[fine] * np.square(PER_NEED / need[fine])
-    share = min(1.0, MOST_IMAGES / (len(largest) * float(np.maximum(wanted, 1.0).sum())))
+    area = 0.5 * np.linalg.norm(np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]), axis=1)
+    wanted = area * np.square(PER_NEED / need[fine])
+    share = min(1.0, MOST_IMAGES / (len(chains) * float(np.maximum(wanted, 1.0).sum())))
     count = np.maximum(np.rint(share * wanted), 1.0 if share == 1.0 else 0.0).astype(int)
-    owner = np.repeat(np.arange(len(faces)), count)
-    turn = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
-    # an R2 sequence, folded into the triangle: evenly spread
-    a, b = (0.5 + (turn + 1.0) * 0.7548776662466927) % 1.0, (0.5 + (turn + 1.0) * 0.5698402909980532) % 1.0
-    a, b = np.where(a + b > 1.0, 1.0 - a, a)[:, None], np.where(a + b > 1.0, 1.0 - b, b)[:, None]
-    points = (1.0 - a - b) * faces[owner, 0] + a * faces[owner, 1] + b * faces[owner, 2]
-    found = []
-    for k in largest:
-        side = np.sign(unit[k] @ antenna - distance[k])
-        height = points @ unit[k] - distance[k]
-        seen = height * side > 0.0
-        found.append(project(points[seen] - 2.0 * height[seen, None] * unit[k], antenna, frame))
-    xy = np.concatenate(found)
+    points = _spread_over(faces, count)
+    xy = np.concatenate([project(mirrors.seen(chain, antenna, points), antenna, frame) for chain in chains])
     reach = np.array([grid.half_x + grid.taper, grid.half_y + grid.taper])
     return np.asarray(xy[(np.abs(xy) <= reach).all(axis=1)])
+
+
+def _spread_over(faces: F64, count: NDArray[np.int_]) -> F64:
+    """Points (count.sum(), 3) spread evenly over triangles (n, 3, 3), by an R2 sequence folded into each."""
+    owner = np.repeat(np.arange(len(faces)), count)
+    turn = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count) + 1.0
+    a, b = (0.5 + turn * 0.7548776662466927) % 1.0, (0.5 + turn * 0.5698402909980532) % 1.0
+    over = a + b > 1.0
+    a, b = (np.where(over, 1.0 - x, x)[:, None] for x in (a, b))
+    return np.asarray((1.0 - a - b) * faces[owner, 0] + a * faces[owner, 1] + b * faces[owner, 2])
 
 
 # paths alone: no returns, every surface a mirror
