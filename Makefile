@@ -11,7 +11,7 @@ PIP = $(BIN)/pip --disable-pip-version-check --quiet
 # the modules that a process has compiled serve the next one: tests start many
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-slow test-lowest test-highest golden benchmarks validation docs release clean
+.PHONY: demo test test-slow test-lowest test-highest golden benchmarks validation pages docs release clean
 
 demo: $(VENV)/.run
 	$(BIN)/python -m sarmitsuba render urban_block -o $(OUT)/urban_block --force
@@ -50,27 +50,32 @@ BASE ?= HEAD
 golden: $(VENV)/.test
 	$(BIN)/python benchmarks/studies/golden.py against $(BASE) $(if $(ALLOW),--allow $(ALLOW))
 
-# docs/benchmarks.md; a quarter of an hour on two idle cores
+# pages that `make docs` then shows, in docs/generated: every benchmark, a quarter of an hour on two idle cores
 benchmarks: $(VENV)/.test
 	$(BIN)/python benchmarks/run_all.py
 
-# docs/validation.md and its plots; fails when a comparison is out of tolerance
+# every case against theory, with its plot; fails when a comparison is out of tolerance
 validation: $(VENV)/.run
-	$(BIN)/python -m sarmitsuba validate -o docs --force
+	$(BIN)/python -m sarmitsuba validate -o docs/generated --force
 
-# the documentation site; a warning is an error
+# those two and the studies that have a page: hours
+pages: benchmarks validation
+	for study in combinations derivative_combinations numerics effects diffuse_pairs; do \
+	$(BIN)/python benchmarks/studies/$$study.py --page || exit 1; done
+
+# the documentation site, with the generated pages that are there; a warning is an error
 docs: $(VENV)/.test
 	$(BIN)/python -m sphinx -b html -W --keep-going -q docs $(OUT)/site
 	@echo "The site is $(OUT)/site/index.html"
 
 # wheel, source package and lock file (versions and hashes) of the last commit in dist/, each package installed by the
 # lock and tried as a plain user without a network;
-# CUT=1 then writes the release into CHANGELOG.md and CITATION.cff
-release: $(VENV)/.test
-	$(BIN)/python tools/release.py --python $(PYTHON) $(if $(CUT),--cut)
+# CUT=1 measures the generated pages, packs the site and then writes the release into CHANGELOG.md and CITATION.cff
+release: $(VENV)/.test $(if $(CUT),pages docs)
+	$(BIN)/python tools/release.py --python $(PYTHON) $(if $(CUT),--cut --site $(OUT)/site)
 
 clean:
-	rm -rf $(VENV) .venv-lowest .venv-highest $(OUT) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist
+	rm -rf $(VENV) .venv-lowest .venv-highest $(OUT) docs/generated .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.made:

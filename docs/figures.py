@@ -5,7 +5,6 @@ takes a few minutes: ``methods`` traces every pulse once.
 """
 
 import json
-import re
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -28,12 +27,10 @@ from sarmitsuba.loading.load import load_scene
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.orbit import OrbitRequest, circular_orbit
 from sarmitsuba.signal.focusing import default_grid, focus
-from sarmitsuba.signal.focusing.focuser_comparison import compare_focusers
+from sarmitsuba.signal.focusing.comparison import compare_focusers
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.signal.image.averaging import sliding_means
-from sarmitsuba.signal.image.sar_image import SarImage
-from sarmitsuba.signal.image.shown_axes import ShownAxes
-from sarmitsuba.view.focusers import focusers_figure
+from sarmitsuba.signal.image import SarImage, ShownAxes, sliding_means
+from sarmitsuba.view.charts import focusers_figure
 from sarmitsuba.view.fringes import interferogram_figure
 from sarmitsuba.view.labels_picture import labels_figure
 from sarmitsuba.view.notebook import draw_beam
@@ -309,7 +306,7 @@ def glass() -> Figure:
 
 
 def facades() -> Figure:
-    """Six houses of the city that import.md shows, imported with plain walls and with relief."""
+    """Six houses, imported with plain walls and with relief."""
     images = {}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -396,14 +393,74 @@ def _pair(scene: str, *options: str) -> Figure:
     return interferogram_figure(pair, height_map(pair), title=scene)
 
 
+# a steel container of 6 m, turned by 25 degrees, and a box on gravel, seen at 0.5 GHz from 2 km
+YARD = """<scene version="3.0.0">
+    <integrator type="sar_path"/>
+
+    <sensor type="sar_antenna">
+        <float name="slant_range" value="2000"/>
+        <float name="center_frequency" value="0.5e9"/>
+        <float name="bandwidth" value="200e6"/>
+        <string name="pattern" value="rectangular"/>
+        <float name="antenna_length" value="2"/>
+        <float name="elevation_beamwidth_deg" value="30"/>
+        <film type="range_film">
+            <string name="image_grid" value="ground"/>
+            <float name="image_center_x" value="0"/>
+            <float name="image_center_y" value="0"/>
+            <float name="image_extent_azimuth" value="20"/>
+            <float name="image_extent_range" value="20"/>
+        </film>
+    </sensor>
+
+    <bsdf type="radar_material" id="gravel">
+        <string name="material" value="medium_dry_ground"/>
+        <float name="rms_height" value="0.01"/>
+        <string name="diffuse_law" value="constant_gamma"/>
+        <float name="diffuse_level_db" value="-18"/>
+    </bsdf>
+    <bsdf type="radar_material" id="steel">
+        <string name="material" value="pec"/>
+    </bsdf>
+
+    <shape type="rectangle" id="ground">
+        <transform name="to_world"><scale x="14" y="14"/></transform>
+        <ref id="gravel"/>
+    </shape>
+    <shape type="cube" id="container">
+        <transform name="to_world">
+            <scale x="3" y="1.2" z="1.2"/>
+            <rotate z="1" angle="25"/>
+            <translate x="-2" y="2.5" z="1.2"/>
+        </transform>
+        <ref id="steel"/>
+    </shape>
+    <shape type="cube" id="box">
+        <transform name="to_world">
+            <scale x="0.9" y="0.9" z="0.6"/>
+            <translate x="4" y="-4" z="0.6"/>
+        </transform>
+        <ref id="steel"/>
+    </shape>
+</scene>"""
+
+
 def modes() -> Figure:
-    """The yard of modes.md in every mode, on one grey scale."""
-    variants = {}
-    for line in re.findall(r"^python -m sarmitsuba render yard.xml (.*)$", _page("modes.md"), re.MULTILINE):
-        options = line.split()
-        variants[options[1].partition("=")[2]] = [*options[: options.index("-o")], "--no-error-bars"]
+    """The yard in every mode, on one grey scale."""
+    own = {
+        "stripmap": ["azimuth_resolution=1"],
+        "sliding_spotlight": ["sliding_factor=0.5", "azimuth_resolution=0.5"],
+        "spotlight": ["azimuth_resolution=0.3"],
+        "circular": [],
+    }
+    variants = {
+        mode: [*(f"-Dsar_antenna.{value}" for value in (f"mode={mode}", *values)), "--no-error-bars"]
+        for mode, values in own.items()
+    }
     with tempfile.TemporaryDirectory() as folder:
-        return _panels(str(_yard(Path(folder))), variants, window="rectangular", scale=(-35.0, 10.0))
+        path = Path(folder) / "yard.xml"
+        path.write_text(YARD, encoding="utf-8")
+        return _panels(str(path), variants, window="rectangular", scale=(-35.0, 10.0))
 
 
 def footprints() -> Figure:
@@ -432,19 +489,6 @@ def footprints() -> Figure:
         axes.set_xlabel("east (m)")
     figure.axes[0].set_ylabel("north (m)")
     return figure
-
-
-def _page(name: str) -> str:
-    return (Path(__file__).parent / name).read_text(encoding="utf-8")
-
-
-def _yard(folder: Path) -> Path:
-    """The scene file that modes.md shows."""
-    found = re.search(r"```xml\n(<scene.*?)```", _page("modes.md"), re.DOTALL)
-    assert found is not None
-    path = folder / "yard.xml"
-    path.write_text(found[1], encoding="utf-8")
-    return path
 
 
 def orbits() -> Figure:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from sarmitsuba.apps.fit.changed_view import DIFFERENCE
-from sarmitsuba.apps.studio.server import Studio
+from sarmitsuba.apps.studio import Studio
 from sarmitsuba.machine.backend import ensure_backend
 
 DOCS = Path(__file__).parent

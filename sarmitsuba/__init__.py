@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 from sarmitsuba.version import __version__
 
 if TYPE_CHECKING:
+    from sarmitsuba.analysis.error_budget import error_budget
+    from sarmitsuba.analysis.image_quality import image_quality, spectral_looks
     from sarmitsuba.analysis.interferometry import height_map, interferogram
     from sarmitsuba.analysis.labels import labels
-    from sarmitsuba.analysis.link import LinkBudget, link_budget
+    from sarmitsuba.analysis.link_budget import LinkBudget, link_budget
     from sarmitsuba.analysis.polarimetry import cloude_pottier, pauli_rgb, polarimetry_report
-    from sarmitsuba.analysis.quality import error_budget, image_quality, spectral_looks
     from sarmitsuba.apps.fit.fit import Fit, fit
     from sarmitsuba.apps.fit.jacobian import Jacobian, jacobian
     from sarmitsuba.apps.fit.least_squares import Prior
@@ -49,8 +50,8 @@ if TYPE_CHECKING:
     from sarmitsuba.scene.wires import WireTarget
     from sarmitsuba.signal.focusing import focus
     from sarmitsuba.signal.focusing.operator import FocusingOperator, focusing_operator
-    from sarmitsuba.signal.image.labels import Labels
-    from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+    from sarmitsuba.signal.image import ImageGrid, SarImage
+    from sarmitsuba.signal.pixel_labels import Labels
     from sarmitsuba.signal.raw.raw_data import RawData
     from sarmitsuba.simulation.execution.path_table import PathTable, trace_paths
     from sarmitsuba.simulation.execution.rcs import monostatic_rcs
@@ -67,11 +68,11 @@ _HOME = {
     "FilmDescription": "sarmitsuba.radar.film",
     "Fit": "sarmitsuba.apps.fit.fit",
     "Gradient": "sarmitsuba.apps.fit.reverse",
-    "ImageGrid": "sarmitsuba.signal.image.sar_image",
+    "ImageGrid": "sarmitsuba.signal.image",
     "ImageRequest": "sarmitsuba.radar.image_request",
     "Jacobian": "sarmitsuba.apps.fit.jacobian",
-    "Labels": "sarmitsuba.signal.image.labels",
-    "LinkBudget": "sarmitsuba.analysis.link",
+    "Labels": "sarmitsuba.signal.pixel_labels",
+    "LinkBudget": "sarmitsuba.analysis.link_budget",
     "Material": "sarmitsuba.scene.materials.material",
     "Motion": "sarmitsuba.scene.motion",
     "MultilookDifference": "sarmitsuba.apps.fit.losses",
@@ -85,7 +86,7 @@ _HOME = {
     "RadarError": "sarmitsuba.core.errors",
     "RawData": "sarmitsuba.signal.raw.raw_data",
     "ResourceError": "sarmitsuba.core.errors",
-    "SarImage": "sarmitsuba.signal.image.sar_image",
+    "SarImage": "sarmitsuba.signal.image",
     "SarmitsubaError": "sarmitsuba.core.errors",
     "SarmitsubaWarning": "sarmitsuba.core.errors",
     "Scene": "sarmitsuba.scene.scene",
@@ -97,7 +98,7 @@ _HOME = {
     "Track": "sarmitsuba.radar.track",
     "build_scene": "sarmitsuba.loading.build",
     "cloude_pottier": "sarmitsuba.analysis.polarimetry",
-    "error_budget": "sarmitsuba.analysis.quality",
+    "error_budget": "sarmitsuba.analysis.error_budget",
     "explain": "sarmitsuba.simulation.planning.prediction.explanation",
     "FocusingOperator": "sarmitsuba.signal.focusing.operator",
     "fit": "sarmitsuba.apps.fit.fit",
@@ -105,11 +106,11 @@ _HOME = {
     "focusing_operator": "sarmitsuba.signal.focusing.operator",
     "gradient": "sarmitsuba.apps.fit.reverse",
     "height_map": "sarmitsuba.analysis.interferometry",
-    "image_quality": "sarmitsuba.analysis.quality",
+    "image_quality": "sarmitsuba.analysis.image_quality",
     "interferogram": "sarmitsuba.analysis.interferometry",
     "jacobian": "sarmitsuba.apps.fit.jacobian",
     "labels": "sarmitsuba.analysis.labels",
-    "link_budget": "sarmitsuba.analysis.link",
+    "link_budget": "sarmitsuba.analysis.link_budget",
     "load_extension": "sarmitsuba.core.registry",
     "load_scene": "sarmitsuba.loading.load",
     "monostatic_rcs": "sarmitsuba.simulation.execution.rcs",
@@ -121,7 +122,7 @@ _HOME = {
     "register_plugins": "sarmitsuba.loading.plugins",
     "render": "sarmitsuba.simulation.execution.render",
     "simulate": "sarmitsuba.simulation.execution.render",
-    "spectral_looks": "sarmitsuba.analysis.quality",
+    "spectral_looks": "sarmitsuba.analysis.image_quality",
     "trace_paths": "sarmitsuba.simulation.execution.path_table",
     "write_image": "sarmitsuba.files",
     "write_raw": "sarmitsuba.files",

@@ -2,6 +2,7 @@
 
     python tools/release.py             rehearsal: the checkout stays as it is
     python tools/release.py --cut       the same, and once all has passed the changelog and CITATION.cff say so
+    ... --site FOLDER                   pack the documentation site that stands there, too
 
 Takes the last commit, not the files of the checkout. In a copy of it the changelog's section of what is unreleased
 becomes that of the version in ``sarmitsuba/version.py``, the only place of the version; wheel and source package are
@@ -305,17 +306,30 @@ def release(python: str, target: Path, day: str) -> None:
                 subprocess.run(["chmod", "-R", "u+w", str(trial)], check=True)
 
 
+def pack_site(site: Path, target: Path, version: str) -> Path:
+    """Archive of the documentation site; raises a ReleaseError where none has been built."""
+    if not (site / "index.html").is_file():
+        raise ReleaseError(f"{site} holds no site; make docs builds it")
+    name = f"sarmitsuba-{version}-site"
+    with tarfile.open(target / f"{name}.tar.gz", "w:gz") as archive:
+        archive.add(site, name)
+    return target / f"{name}.tar.gz"
+
+
 def main() -> int:
     """Parse the command line and make the release."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument(
         "--cut", action="store_true", help="write the release into CHANGELOG.md and CITATION.cff"
     )
+    parser.add_argument("--site", type=Path, help="folder of the built documentation site, packed into dist")
     parser.add_argument("--python", default=sys.executable, help="interpreter of the trial environments")
     args = parser.parse_args()
     day = date.today().isoformat()
     try:
         release(args.python, ROOT / "dist", day)
+        if args.site:
+            print(pack_site(args.site, ROOT / "dist", version_of(ROOT)).name)
         if args.cut:
             cut(ROOT, day)
     except ReleaseError as error:

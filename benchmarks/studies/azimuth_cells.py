@@ -18,7 +18,7 @@ from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.focusing.aperture_weights import matched_weights
 from sarmitsuba.signal.focusing.cells import azimuth_cells
 from sarmitsuba.signal.focusing.ideal import ideal_radar
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 
 ROUNDS = 3
 # sine of half of a pixel's aperture, two-way width of the beam, and share of the track that the image covers, so that

@@ -9,7 +9,7 @@ wrong    not right, and nothing was said: a failure
 
 Modes, focusers, methods and patterns are those that are registered: a new one is in the table by itself.
 
-Usage: python benchmarks/studies/combinations.py [--first SEED] [--count DRAWS] [--mode MODE] [--page FILE]
+Usage: python benchmarks/studies/combinations.py [--first SEED] [--count DRAWS] [--mode MODE] [--page]
 """
 
 import argparse
@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import _support
+import harness
 import numpy as np
 from combinations_page import (
     COLOURS,
@@ -62,7 +63,7 @@ from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import METHODS
 from sarmitsuba.signal.focusing import focus
-from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw.raw_data import RawData
 from sarmitsuba.simulation.execution.render import render, simulate
 
@@ -424,7 +425,7 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--count", type=int, default=COUNT, help="draws per mode")
     parser.add_argument("--lines", type=Path, help="append every cell there, and go on where it ends")
-    parser.add_argument("--page", type=Path, help="write the matrix there, as Markdown")
+    parser.add_argument("--page", action="store_true", help="make a page in docs/generated")
     args = parser.parse_args()
     known: dict[str, list[Cell]] = {}
     for cell in read(args.lines) if args.lines and args.lines.exists() else ():
@@ -447,7 +448,7 @@ def main() -> int:
     counts = Counter(cell.verdict for cell in found)
     print(f"{len(found)} cells: " + ", ".join(f"{counts[name]} {name}" for name in COLOURS))
     if args.page:
-        args.page.write_text(page(found), encoding="utf-8")
+        harness.write_page(harness.PAGES / "combinations.md", page(found))
     return int(counts[WRONG] > 0)
 
 

@@ -11,8 +11,7 @@ wrong    else: a failure
 Modes, methods and patterns are those that are registered, and the contents those below: a new one is in the table by
 itself. Shapes are moved where nothing stands behind them; what they hide and show is compared by ``moving_edges.py``.
 
-Usage: python benchmarks/studies/derivative_combinations.py [--first SEED] [--count DRAWS] [--content NAME]
-       [--page FILE]
+Usage: python benchmarks/studies/derivative_combinations.py [--first SEED] [--count DRAWS] [--content NAME] [--page]
 """
 
 import argparse
@@ -27,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import _support
+import harness
 import numpy as np
 import trimesh
 from drawn_beams import gaussian_table
@@ -74,7 +74,7 @@ AT_ONCE = 2
 
 HEAD = """# Derivatives: combinations
 
-Derivatives by every kind of [parameter](gradients.md#parameters) in drawn scenes of every radar mode, method, antenna
+Derivatives by every kind of [parameter](../gradients.md) in drawn scenes of every radar mode, method, antenna
 pattern, channel and content, against central differences of whole runs. Drawn are, for each: mode, method, pattern
 or two antennas, channels, heading, side, look angle, squint, range, band (L, C, X), and the sizes, places and materials
 of what there is to see.
@@ -87,12 +87,12 @@ of what there is to see.
 | {wrong} wrong | else: a failure |
 
 ```sh
-python benchmarks/studies/derivative_combinations.py --page docs/derivative_combinations.md     # this page
-python benchmarks/studies/derivative_combinations.py --first 3 --count 1                        # one draw
+python benchmarks/studies/derivative_combinations.py --page                 # this page
+python benchmarks/studies/derivative_combinations.py --first 3 --count 1    # one draw
 ```
 
 Shapes are moved where nothing stands behind them: what moving shapes hide and show is compared with means over many
-lattices of rays ([what moves in front](gradients.md#what-moves-in-front)).
+lattices of rays ([derivatives](../gradients.md)).
 """
 
 
@@ -402,7 +402,7 @@ def main() -> int:
         "--count", type=int, default=DRAWS, help="drawn scenes; each content takes the next in turn"
     )
     parser.add_argument("--content", choices=list(CONTENTS), help="this one alone")
-    parser.add_argument("--page", type=Path, help="write the page of the documentation")
+    parser.add_argument("--page", action="store_true", help="make a page in docs/generated")
     args = parser.parse_args()
     cells: list[Cell] = []
     for seed in range(args.first, args.first + args.count):
@@ -416,7 +416,7 @@ def main() -> int:
     counts = Counter(cell.verdict for cell in cells)
     print(", ".join(f"{counts[name]} {name}" for name in COLOURS))
     if args.page:
-        args.page.write_text(page(cells), encoding="utf-8")
+        harness.write_page(harness.PAGES / "derivative_combinations.md", page(cells))
     return int(counts[WRONG] > 0)
 
 

@@ -1,7 +1,7 @@
 """What two diffuse scatterers in a row return in shipped scenes, and what they cost.
 
-Run ``python benchmarks/studies/diffuse_pairs.py [SCENE ...] [--docs]``; prints Markdown tables, with ``--docs`` onto
-``docs/effects_measured.md``. Times are processor seconds, the least of some rounds with compiled kernels.
+Run ``python benchmarks/studies/diffuse_pairs.py [SCENE ...] [--page]``; prints Markdown tables, ``--page`` makes a page
+of the site. Times are processor seconds, the least of some rounds with compiled kernels.
 """
 
 import argparse
@@ -11,8 +11,8 @@ from dataclasses import replace
 from typing import Any
 
 import _support
+import harness
 import numpy as np
-import stored
 from corrections import block_of
 from effects import load
 
@@ -110,9 +110,18 @@ def measured(name: str) -> dict[str, Any]:
     }
 
 
-def markdown(results: dict[str, Any]) -> str:
+HEAD = """# Pairs of diffuse scatterers
+
+`python benchmarks/studies/diffuse_pairs.py --page` makes this page. Column `auto`: the decision of the plan. Last
+column of the first table: the spread over draws with the pilot's cells, and its stated standard error, which is the
+larger one because points are spread evenly. Last column of the second: share of the draw and of all key pulses, in
+processor seconds.
+
+"""
+
+
+def markdown(rows: list[dict[str, Any]]) -> str:
     """Both tables."""
-    rows = results["scenes"]
     out = [
         "| scene | pairs over clutter | strongest square | `auto` | pairs of a run | error of the draw | spread of "
         f"{DRAWS} draws of the pilot, stated |",
@@ -145,17 +154,13 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("scenes", nargs="*", default=SCENES, metavar="SCENE")
-    parser.add_argument("--docs", action="store_true", help="store in docs/measured, and show on the page")
+    parser.add_argument("--page", action="store_true", help="make a page in docs/generated")
     args = parser.parse_args()
     ensure_backend()
-    made = {name: measured(name) for name in args.scenes}
-    if not args.docs:
-        print(markdown({"scenes": list(made.values())}))
-        return
-    kept = {row["scene"]: row for row in stored.read("diffuse_pairs").get("scenes", ())}
-    results = {"scenes": list((kept | made).values())}
-    stored.write("diffuse_pairs", results)
-    stored.show("diffuse_pairs", markdown(results))
+    text = markdown([measured(name) for name in args.scenes])
+    print(text)
+    if args.page:
+        harness.write_page(harness.PAGES / "diffuse_pairs.md", f"{HEAD}{text}")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """What the effects plan saves and costs: kernels, planned against everything on, predicted against measured.
 
-Run ``python benchmarks/studies/effects.py [SCENE ...] [--quick] [--out FOLDER] [--docs]``. Prints Markdown tables; with
-``--out`` writes ``effects.json``; with ``--docs`` it goes to ``docs/measured``, and its tables onto the page
-``docs/effects_measured.md``. Scenes and parts that are not run keep their results.
+Run ``python benchmarks/studies/effects.py [SCENE ...] [--quick] [--out FOLDER] [--page]``. Prints Markdown tables and
+writes ``effects.json``, in which scenes and parts that are not run keep their results; ``--page`` makes a page of the
+site.
 
 Every time is the least of interleaved rounds with compiled kernels: the machine may be busy with other things, and
 what disturbs a run only makes it longer. Ratios and shares are of processor seconds, summed over all threads, which
@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import Any
 
 import _support
+import harness
 import numpy as np
-import stored
 from corrections import block_of, correction_lines, correction_table, one_batch
 from effect_pairs import pair_lines, pair_table
 
@@ -338,13 +338,23 @@ def claims(rows: list[dict[str, Any]]) -> list[tuple[str, float, float, bool, st
     return found
 
 
+HEAD = """# Cost of effects
+
+`python benchmarks/studies/effects.py --page` makes this page: what each effect costs, and what the plan of effects
+saves. *Everything on* is no plan at all: every effect on, eight bounces, every pulse traced. *Same key pulses* keeps
+the plan's key pulses, and shows what the effects alone save. All runs of a scene have equally dense rays. The error is
+the energy of the difference of two focused images. Times are processor seconds.
+
+"""
+
+
 def markdown(results: dict[str, Any]) -> str:
     """The tables."""
     lines = [f"Machine: {results['machine']}."]
     if results["kernels"]:
         lines += [
             "",
-            "### Kernel with each effect left out",
+            "## Kernel with each effect left out",
             "",
             "Urban block, four channels, Gaussian beam, three bounces.",
             "",
@@ -363,7 +373,7 @@ def markdown(results: dict[str, Any]) -> str:
     if results["plans"]:
         lines += [
             "",
-            "### Planned against everything on",
+            "## Planned against everything on",
             "",
             f"Everything on is no plan at all: every switch, {DEPTH} bounces, every pulse traced; `same key pulses` "
             "keeps the plan's key pulses. Same density of rays. Times, ratios and shares are of processor seconds, "
@@ -399,7 +409,7 @@ def markdown(results: dict[str, Any]) -> str:
     if results["predictions"]:
         lines += [
             "",
-            "### Predicted against measured",
+            "## Predicted against measured",
             "",
             "The first simulating and focusing of a process, kernels compiled before; memory is the most it held.",
             "",
@@ -416,15 +426,6 @@ def markdown(results: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def store(results: dict[str, Any], docs: bool, folder: Path | None) -> None:
-    """Keep what there is so far."""
-    if docs:
-        stored.write("effects", results)
-    if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "effects.json").write_text(json.dumps(results, indent=1), encoding="utf-8")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenes", nargs="*", help="names of shipped scenes, or munich (default: all)")
@@ -433,13 +434,13 @@ def main() -> None:
         "--only", choices=("kernels", "corrections", "pairs", "plans", "predictions"), help="one of the parts"
     )
     parser.add_argument(
-        "--out", type=Path, metavar="FOLDER", help="write effects.json, adding to the one there"
+        "--out",
+        type=Path,
+        metavar="FOLDER",
+        default=harness.RESULTS,
+        help="of effects.json, adding to the one there",
     )
-    parser.add_argument(
-        "--docs",
-        action="store_true",
-        help="store in docs/measured, and show on the page",
-    )
+    parser.add_argument("--page", action="store_true", help="make a page in docs/generated")
     parser.add_argument("--measure", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--predict", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
@@ -456,13 +457,13 @@ def main() -> None:
         else ["kernels", "corrections", "pairs", "plans", "predictions"]
     )
     results: dict[str, Any] = {"kernels": [], "corrections": [], "pairs": [], "plans": [], "predictions": []}
-    if args.docs:  # parts and scenes not run now stay
-        results |= stored.read("effects")
-    elif args.out and (args.out / "effects.json").exists():
-        results |= json.loads((args.out / "effects.json").read_text(encoding="utf-8"))
+    args.out.mkdir(parents=True, exist_ok=True)
+    file = args.out / "effects.json"
+    if file.is_file():  # parts and scenes not run now stay
+        results |= json.loads(file.read_text(encoding="utf-8"))
 
     def keep() -> None:
-        store(results, args.docs, args.out)
+        file.write_text(json.dumps(results, indent=1), encoding="utf-8")
 
     results["machine"] = (
         f"{platform.machine()}, {os.cpu_count()} cores, {backend.variant}, Python {platform.python_version()}"
@@ -491,8 +492,8 @@ def main() -> None:
                 keep()
     text = markdown(results)
     print(text)
-    if args.docs:
-        stored.show("effects", text)
+    if args.page:
+        harness.write_page(harness.PAGES / "effects.md", f"{HEAD}{text}")
 
 
 if __name__ == "__main__":

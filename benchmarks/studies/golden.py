@@ -221,9 +221,11 @@ def compare(before: Path, after: Path, allowed: list[str]) -> int:
 
 
 def record_tree(tree: Path, output: Path, only: list[str]) -> None:
-    """Record a tree in a process of its own; this script's cases, that tree's package."""
+    """Record a tree in a process of its own, by its own cases where it has them: modules may have moved."""
     environment = {**os.environ, "PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1", "PYTHONHASHSEED": "0"}
-    command = [sys.executable, str(Path(__file__).resolve()), "record", "-o", str(output), *only]
+    own = tree / Path(__file__).resolve().relative_to(ROOT)
+    script = own if own.is_file() else Path(__file__).resolve()
+    command = [sys.executable, str(script), "record", "-o", str(output), *only]
     subprocess.run(command, env=environment, cwd=tree, check=True)
 
 

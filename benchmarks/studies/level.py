@@ -125,7 +125,7 @@ def against_raw(setup: Setup) -> float:
     """Error of the hybrid's focused image against the raw one's with the same rays, dB."""
     from dataclasses import replace
 
-    from sarmitsuba.signal.image.metrics import image_error_db
+    from sarmitsuba.signal.metrics import image_error_db
     from sarmitsuba.simulation.execution.render import simulate
     from tests.support.unweighted import focus
 

@@ -18,7 +18,7 @@ import numpy as np
 from sarmitsuba.apps.fit.changed_view import DIFFERENCE, ChangedView
 from sarmitsuba.apps.fit.image_derivative import image_derivative
 from sarmitsuba.apps.fit.parsing import offered
-from sarmitsuba.apps.studio.bench import BenchState, View, first_state, view_of
+from sarmitsuba.apps.studio_bench import BenchState, View, first_state, view_of
 from sarmitsuba.view.quicklook import panel, pixels
 
 SCENES = ("tower", "dihedral")

@@ -1,9 +1,9 @@
-"""Hard cases: runs tests/numerics and turns what the tests measure into the table of docs/numerics.md.
+"""Hard cases: runs tests/numerics and turns what the tests measure into a page of the site.
 
-Usage: python benchmarks/studies/numerics.py [--output docs/numerics.md] [--json FILE]
+Usage: python benchmarks/studies/numerics.py [--page] [--json FILE]
 
 Every line is one check of a test: the naive way's error where the test measures it, ours, the bound that the test
-holds. Ends with status 1 when a test fails; the page is then not written.
+holds. Ends with status 1 when a test fails; the page is then not made.
 """
 
 import argparse
@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import _support
-import kernel_sources
+import harness
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -44,22 +44,9 @@ Every line is a check of a test in `tests/numerics`: the error of the naive way 
 the bound that the test holds, and the remedy. A naive error of `nan` means that the naive way gives no number at all.
 The naive way is the same code with other arguments, or a stand-in of a few lines in the test, in plain Mitsuba or
 NumPy: the order of its error counts, not its digits.
-The page is written by `python benchmarks/studies/numerics.py`.
+`python benchmarks/studies/numerics.py --page` makes this page.
 """
 TAIL = """
-## Curved surfaces: what was tried
-
-A sphere of ka = 60 in facets of sagitta λ/32 is up to 0.8 dB off in some of 60 directions (0.35 dB rms): the facets,
-1.3 wavelengths wide, repeat so regularly that the ±0.1 rad by which they miss the sphere act as a grating. Three
-remedies:
-
-- vertices shifted at random by 0.2 edges: worse, 1.2 dB, because the largest facets grow;
-- the phase of every hit corrected to the true surface by the vertices' normals: 0.3 dB (measured once, in NumPy; it
-  would cost one more table and would bulge flat roofs with blunt ridges);
-- facets below 0.55 wavelengths, so that their rows lie less than half a wavelength apart: 0.2 dB. Chosen.
-
-Shapes of a scene file are cut to a sagitta of λ/512, which implies such facets for all but the largest spheres.
-
 ## Not met
 
 - **Caustics of concave mirrors.** Tubes spread and shrink with the curvature of the surfaces that they leave, but the
@@ -105,7 +92,7 @@ def figure(value: float | None, unit: str) -> str:
 
 def page(collector: Collector) -> str:
     """Return the Markdown page."""
-    parts = [HEAD, f"\n{kernel_sources.statement(kernel_sources.current())}\n"]
+    parts = [HEAD]
     modules = [m for m in ORDER if m in collector.counts]
     modules += sorted(m for m in collector.lines if m not in modules)
     for module in modules:
@@ -128,7 +115,7 @@ def page(collector: Collector) -> str:
 def main() -> None:
     """Run the tests, print the table, write the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--output", type=Path, default=ROOT / "docs" / "numerics.md")
+    parser.add_argument("--page", action="store_true", help="make a page in docs/generated")
     parser.add_argument("--json", type=Path, help="the lines as JSON")
     args = parser.parse_args()
     collector = Collector()
@@ -144,10 +131,10 @@ def main() -> None:
             json.dumps({"seconds": seconds, "lines": collector.lines}, indent=1), encoding="utf-8"
         )
     if status != 0:
-        print("a test failed: the page is not written", file=sys.stderr)
+        print("a test failed: the page is not made", file=sys.stderr)
         sys.exit(1)
-    kernel_sources.measured()
-    args.output.write_text(text, encoding="utf-8")
+    if args.page:
+        harness.write_page(harness.PAGES / "numerics.md", text)
 
 
 if __name__ == "__main__":

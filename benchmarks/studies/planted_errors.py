@@ -151,8 +151,7 @@ def wrong_reflection_sign() -> AbstractContextManager[None]:
 
 def lambert_without_cosine() -> AbstractContextManager[None]:
     from sarmitsuba.scene.materials import diffuse
-    from sarmitsuba.scene.materials.laws.constant_gamma import ConstantGamma
-    from sarmitsuba.scene.materials.laws.lambert import Lambert
+    from sarmitsuba.scene.materials.laws.constant import ConstantGamma, Lambert
 
     # tables that unharmed cases have cached would hide it
     return _all(

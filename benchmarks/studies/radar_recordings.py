@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from sarmitsuba.analysis.quality.areas import contrast, entropy
+from sarmitsuba.analysis.image_quality import contrast, entropy
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.files import read_raw
 from sarmitsuba.signal.focusing import apply_autofocus_records, default_grid, range_compress
 from sarmitsuba.signal.focusing.autofocus import AUTOFOCUSERS, AutofocusTask, correct_ranges, without_trend
 from sarmitsuba.signal.focusing.focuser import parse_focuser
 from sarmitsuba.signal.focusing.windows import parse_window
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.raw.doppler_estimate import estimate_doppler
 from tests.support.unweighted import focus
 

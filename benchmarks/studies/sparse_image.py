@@ -25,8 +25,8 @@ from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.signal.focusing import FOCUSERS
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.focusing.operator import FocusingOperator, focusing_operator
-from sarmitsuba.signal.image.metrics import image_error_db
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
+from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
 
 # m: resolution, and side of the image

@@ -30,7 +30,7 @@ import _support
 import numpy as np
 
 from sarmitsuba import fit
-from sarmitsuba.analysis.quality.areas import contrast, entropy
+from sarmitsuba.analysis.image_quality import contrast, entropy
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.files import read_raw
 from sarmitsuba.radar.radar import Radar
@@ -38,7 +38,7 @@ from sarmitsuba.signal.focusing import AUTOFOCUSERS, default_grid
 from sarmitsuba.signal.focusing.autofocus import AutofocusTask, correct_ranges
 from sarmitsuba.signal.focusing.focuser import parse_focuser
 from sarmitsuba.signal.focusing.windows import parse_window
-from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw.raw_data import RawData
 from tests.support.fits import fields
 from tests.support.recorded_tracks import fitted_to_targets, read_targets

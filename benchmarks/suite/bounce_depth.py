@@ -26,24 +26,6 @@ def scenes(quick: bool) -> dict[str, Any]:
     return {n: crop(s, 0.2 if quick else 1.0, 0.03 if quick else PULSES[n]) for n, s in found.items()}
 
 
-def orders(scene: Any) -> np.ndarray:
-    """Images of the bounces 1 ... DEEPEST of one run: (DEEPEST, n_azimuth, n_range) complex64."""
-    from tests.support.unweighted import render
-
-    image = render(harness.with_settings(scene, max_depth=DEEPEST, keep_orders=True), method="hybrid")
-    channel = image.channels[0]
-    return np.stack(
-        [
-            sum(
-                p
-                for la, p in zip(image.layers, image.data, strict=True)
-                if la.channel == channel and la.order == o
-            )
-            for o in range(1, DEEPEST + 1)
-        ]
-    )
-
-
 def pictures(name: str, layers: np.ndarray, seconds: list[float]) -> Any:
     """Image of each depth above what its last bounce adds, on one grey scale; titled with what the depth costs."""
     figure, axes = harness.new_figure(3.0 * len(SHOWN), 6.4, len(SHOWN), 2)
@@ -63,40 +45,23 @@ def pictures(name: str, layers: np.ndarray, seconds: list[float]) -> Any:
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.apps.cost.trial import TrialSetting, run_trial
-    from sarmitsuba.signal.image.metrics import image_error_db
+    from sarmitsuba.apps.depth import study_depth
 
     report = harness.Report(
         "bounce_depth",
         "Bounce depth",
-        f"Error of the image that stops after d bounces against all {DEEPEST}, from one run that keeps the "
-        "bounces apart "
-        "(same rays, so ray sampling does not mask the bounces). `changed` is the share of pixels that "
-        "bounce d changes "
-        "by more than 1 dB. Seconds are of a run of its own with that depth, simulation only, without "
-        "compiling, on the "
-        "middle part of the aperture. Beyond a depth at which no path is left the error is zero.",
+        f"Error of the image that stops after d bounces against all {DEEPEST}, from one run that keeps the bounces "
+        "apart (same rays, so ray sampling does not mask the bounces), as `sarmitsuba depth` measures it. `changed` is "
+        "the share of pixels that bounce d changes by more than 1 dB. Seconds are of a run of its own with that depth, "
+        "without compiling, on the middle part of the aperture. Beyond a depth at which no path is left the error is "
+        "zero.",
     )
     figure, (left, right) = harness.new_figure(10.0, 4.4, 2)
     for name, scene in scenes(quick).items():
-        layers = orders(scene)
-        total = layers.sum(axis=0)
-        rows = []
-        depths = (1, 2, 3) if quick else DEPTHS
-        for depth in depths:
-            part = layers[:depth].sum(axis=0)
-            before = layers[: depth - 1].sum(axis=0)
-            error = image_error_db(part, total) if np.abs(part - total).max() > 0 else float("-inf")
-            power = np.abs(layers[depth - 1]).astype(np.float64) ** 2
-            energy = 10 * np.log10(max(power.sum(), 1e-60) / np.sum(np.abs(total.astype(np.complex128)) ** 2))
-            with np.errstate(divide="ignore", invalid="ignore"):
-                change = (
-                    np.abs(20 * np.log10(np.abs(part) / np.abs(before))) if depth > 1 else np.full(1, np.inf)
-                )
-            changed = 100.0 * float(np.mean(change > 1.0))
-            trial = run_trial(scene, TrialSetting({"method": "hybrid", "max_depth": depth}))
-            seconds = trial.seconds - trial.stages["focus"]
-            rows.append([depth, error, energy, changed, seconds])
+        study = study_depth(scene, deepest=3 if quick else DEEPEST)
+        layers = np.stack([study.image_of(n).total() for n in range(1, len(study.rows) + 1)])
+        kept = [r for r in study.rows if r.bounces in DEPTHS]
+        rows = [[r.bounces, r.error_db, r.energy_db, 100.0 * r.changed, r.seconds] for r in kept]
         report.table(
             name,
             ["bounces", "error dB", "energy of bounce dB", "changed %", "seconds"],

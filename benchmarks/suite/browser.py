@@ -98,7 +98,7 @@ def run(quick: bool) -> harness.Report:
     from sarmitsuba.signal.focusing import default_grid
     from sarmitsuba.signal.focusing.focusers.backprojection import backproject
     from sarmitsuba.signal.focusing.ideal import ideal_echoes
-    from sarmitsuba.signal.image.metrics import coherence, image_error_db
+    from sarmitsuba.signal.metrics import coherence, image_error_db
     from sarmitsuba.view.page.quantised_profiles import page_grid, page_profiles
 
     report = harness.Report(

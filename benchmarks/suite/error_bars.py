@@ -143,7 +143,7 @@ def share(which: "np.ndarray[Any, np.dtype[np.bool_]]") -> float:
 
 def _refined(seed: int, folder: Path) -> dict[str, Any] | None:
     """Stated and true error of one scene after its passes; None where its truth would cost too much."""
-    from sarmitsuba.signal.image.metrics import image_error_db
+    from sarmitsuba.signal.metrics import image_error_db
     from sarmitsuba.simulation.execution.refinement.error_bars import (
         PASSES_SCATTER_DB,
         PIXELS_TOGETHER,
@@ -228,7 +228,7 @@ def _designs(report: harness.Report, rows: list[dict]) -> None:  # type: ignore[
 
 def _rows(whole, name: str, share: float, factors, runs: int) -> list[dict]:  # type: ignore[no-untyped-def, type-arg]
     """True and estimated error of every run, by factor."""
-    from sarmitsuba.apps.cost.trial import TrialSetting, mean_image
+    from sarmitsuba.apps.cost.trials import TrialSetting, mean_image
     from sarmitsuba.signal.focusing import default_grid
     from sarmitsuba.signal.raw.raw_data import Layer
     from sarmitsuba.simulation.execution.image import Imager

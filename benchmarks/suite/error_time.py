@@ -9,10 +9,10 @@ from methods import intensity_error_db
 from speed import thinned
 
 from sarmitsuba.apps.cost.report import pareto
-from sarmitsuba.apps.cost.trial import TrialSetting, run_trial
+from sarmitsuba.apps.cost.trials import TrialSetting, run_trial
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.signal.focusing import default_grid
-from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.simulation.execution.raw import echoes
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.simulation.execution.run import Run

@@ -31,8 +31,8 @@ from sarmitsuba.signal.focusing.focusers.backprojection import Backprojection, b
 from sarmitsuba.signal.focusing.focusers.factorised import Factorised
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.focusing.windows import parse_window
-from sarmitsuba.signal.image.metrics import image_error_db
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
+from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.signal.raw.raw_data import RawData
 from sarmitsuba.simulation.planning.prediction.speed import Machine
 

@@ -30,8 +30,8 @@ from sarmitsuba.signal.focusing.focusers.backprojection import backproject, back
 from sarmitsuba.signal.focusing.focusers.chirp_scaling import ChirpScaling
 from sarmitsuba.signal.focusing.frequency_domain.migration import MAX_PHASE
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.signal.image.metrics import image_error_db, point_target
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
+from sarmitsuba.signal.metrics import image_error_db, point_target
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from tests.support.geometries import random_geometry
 

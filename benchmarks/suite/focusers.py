@@ -22,8 +22,8 @@ from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.signal.focusing import FOCUSERS, default_grid
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject, backproject_numpy
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.signal.image.metrics import image_error_db, point_target_in
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
+from sarmitsuba.signal.metrics import image_error_db, point_target_in
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from tests.support.unweighted import focus
 

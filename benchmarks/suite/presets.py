@@ -6,7 +6,7 @@ import _support
 import harness
 import numpy as np
 
-from sarmitsuba.analysis.link import link_budget
+from sarmitsuba.analysis.link_budget import link_budget
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.loading.library import list_radars
 from sarmitsuba.truth.validation.cases.link import measured, preset_scene

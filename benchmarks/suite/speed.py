@@ -28,7 +28,7 @@ def rough(scene: Any) -> Any:
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.loading.load import load_scene
-    from sarmitsuba.signal.image.metrics import image_error_db
+    from sarmitsuba.signal.metrics import image_error_db
     from sarmitsuba.simulation.planning.sampling.piece import crop
 
     report = harness.Report(
@@ -132,7 +132,7 @@ def _cell(scene: Any) -> float:
 
 def _equal_error(report: harness.Report, scene: Any, raw_seconds: float) -> None:
     """Errors of raw and of hybrid with several block lengths against converged raw, and their times."""
-    from sarmitsuba.signal.image.metrics import image_error_db
+    from sarmitsuba.signal.metrics import image_error_db
     from sarmitsuba.simulation.execution.render import simulate
 
     few = harness.with_settings(thinned(scene, CONVERGED_EVERY), method="raw")

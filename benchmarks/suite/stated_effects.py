@@ -44,7 +44,7 @@ DRAWS = 10
 WITHIN, PART, UNDERSTATED = 2.0, 0.9, 3.0
 # dB; weaker changes are float rounding, in truth and in what is stated
 FLOOR = -90.0
-# limits above the tolerance of effects that have their own, dB; docs/effects_reference.md
+# limits above the tolerance of effects that have their own, dB; docs/effects.md
 OWN_LIMITS = {"diffuse_pairs": 20.0, "wideband": 10.0}
 # shares of the run below which a cost is not compared by its ratio
 LEAST_SHARE = 0.25

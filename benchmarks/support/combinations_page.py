@@ -32,7 +32,7 @@ focusers).
 | {wrong} wrong | not right, and nothing is said: a failure |
 
 ```sh
-python benchmarks/studies/combinations.py --page docs/combinations.md            # this page
+python benchmarks/studies/combinations.py --page                                 # this page
 python benchmarks/studies/combinations.py --mode stripmap --first 3 --count 1    # one draw, with what was said
 ```
 
@@ -44,7 +44,8 @@ a new one has its row or column by itself. A seed is a draw; `make test` runs a 
 this page.
 
 Level and place are those of the main lobe, by least squares of its intensity. A point says nothing about surfaces: what
-traced echoes are worth is on [validation](validation.md). Method `raster` draws surfaces alone, so it refuses points.
+traced echoes are worth is shown by `python -m sarmitsuba validate`. Method `raster` draws surfaces alone, so it refuses
+points.
 """
 
 

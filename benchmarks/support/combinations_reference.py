@@ -1,6 +1,6 @@
 """Exact images of ideal points: their echoes in closed form, summed over all pulses pixel by pixel, in NumPy.
 
-Formulas are those of docs/focusing.md, docs/antenna.md and docs/modes.md, written again; nothing of the program's
+Formulas are those of docs/focusing.md and docs/radar.md, written again; nothing of the program's
 focusers, windows, patterns or grids is used. A radar is no more than its numbers.
 """
 

@@ -106,7 +106,7 @@ def correction_lines(rows: Sequence[dict[str, Any]]) -> list[str]:
     """The table."""
     lines = [
         "",
-        "### What corrections of the tracing cost",
+        "## What corrections of the tracing cost",
         "",
         f"A key pulse of {rows[0]['scene']} with automatic rays. Left out, some scenes are wrong; the plan leaves out "
         "none. Processor seconds; what is not in the scene (bent mirrors, creases, lobes about specular) is not in the "

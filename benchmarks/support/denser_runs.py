@@ -9,7 +9,7 @@ import random_scenes
 
 if TYPE_CHECKING:
     from sarmitsuba.scene.scene import Scene
-    from sarmitsuba.signal.image.sar_image import ImageGrid
+    from sarmitsuba.signal.image import ImageGrid
     from sarmitsuba.simulation.execution.run import Run
 
 TARGETS = (-30.0, -18.0)  # dB

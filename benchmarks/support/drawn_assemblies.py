@@ -2,9 +2,8 @@
 
 Long profiles (pairs of sheets, boxes and cylinders at gaps of 0.1 to 5 wavelengths, louvres, channels, bent sheets) are
 solved in two dimensions by :func:`sarmitsuba.truth.theory.strips_by_moments`, short ones (pairs of plates and boxes, a
-box
-before a plate, bent plates) by :mod:`dense_moments`. ``python benchmarks/support/drawn_assemblies.py FILE --seed 3``
-draws, solves and stores them as JSON. Lengths are in wavelengths.
+box before a plate, bent plates) by :mod:`dense_moments`. ``python benchmarks/support/drawn_assemblies.py FILE --seed
+3`` draws, solves and stores them as JSON. Lengths are in wavelengths.
 """
 
 import argparse

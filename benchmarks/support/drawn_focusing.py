@@ -22,7 +22,7 @@ from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.focusing.profiles import plan_spectrum
 from sarmitsuba.signal.focusing.windows import parse_window
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.raw.raw_data import RawData
 
 CARRIERS = {"L": 1.3e9, "C": 5.4e9, "X": 9.6e9, "Ku": 16e9}

@@ -83,7 +83,7 @@ def pair_lines(rows: Sequence[dict[str, Any]]) -> list[str]:
     """The table."""
     lines = [
         "",
-        "### Effects of certain scenes",
+        "## Effects of certain scenes",
         "",
         "As planned, and with the effect switched off, in turn; processor seconds of simulating. "
         "Slabs without transmission.",

@@ -23,10 +23,8 @@ on two scenes, error of the image against a converged one, and seconds of the si
 
 ![Error against seconds: front](images/benchmarks/error_time_front.png)
 
-Figures of one setting differ from section to section: references differ (here a converged image of other rays; below
-often the same rays with one thing changed), and so does the state of the machine: Munich's automatic blocks have 256
-pulses, so that its two times with them are of one setting. With coarser rays, blocks are shorter only where the
-measured error of blocks asks for it; in figures of older kernels they always are, and coarser rays can be slower.
+References differ from section to section: here a converged image of other rays, below often the same rays with one
+thing changed.
 
 """
 

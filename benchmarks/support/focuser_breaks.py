@@ -25,8 +25,8 @@ from sarmitsuba.signal.focusing.motion_compensation import (
     plan_straightening,
 )
 from sarmitsuba.signal.focusing.windows import parse_window
-from sarmitsuba.signal.image.metrics import image_error_db
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
+from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.signal.raw.raw_data import RawData
 
 # every form, the low-accuracy ones too

@@ -24,8 +24,8 @@ from sarmitsuba.signal.focusing.focuser import Focuser, FocusTask
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.focusing.windows import parse_window
-from sarmitsuba.signal.image.metrics import PointTargetMetrics, image_error_db, point_target
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
+from sarmitsuba.signal.metrics import PointTargetMetrics, image_error_db, point_target
 from sarmitsuba.signal.raw.raw_data import RawData
 
 SIZES, SIZES_QUICK = (1024, 2048, 4096), (256, 512)

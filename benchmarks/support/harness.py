@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,8 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))  # tests.support
 SUITE = ROOT / "benchmarks" / "suite"
 RESULTS = ROOT / "benchmarks" / "results"
+# pages that programs make: not in the repository, shown by `make docs`
+PAGES = ROOT / "docs" / "generated"
 # rounds of the full suite: the median of three survives one disturbance
 ROUNDS = 3
 ROUNDS_QUICK = 1
@@ -44,13 +47,21 @@ def machine() -> dict[str, Any]:
         "cores": os.cpu_count(),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
+        "day": date.today().isoformat(),
     }
-    for name in ("mitsuba", "drjit", "numpy", "scipy"):
+    for name in ("sarmitsuba", "mitsuba", "drjit", "numpy", "scipy"):
         facts[name] = importlib.metadata.version(name)
     if hasattr(os, "sysconf"):
         facts["memory_gb"] = round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1)
     facts["load"] = load()
     return facts
+
+
+def write_page(page: Path, text: str) -> None:
+    """Write a page of the site; nothing where it is the same already, so that the site is not built again."""
+    page.parent.mkdir(parents=True, exist_ok=True)
+    if not page.is_file() or page.read_text(encoding="utf-8") != text:
+        page.write_text(text, encoding="utf-8")
 
 
 def load() -> float:
@@ -160,10 +171,15 @@ class Report:
                 )
             lines.append("")
         lines += [f"{note}  " for note in self.notes]
-        import kernel_sources
-
-        ended = f"Load average when it ended: {load()} on {self.machine['cores']} cores."
-        lines += [f"{ended} {kernel_sources.statement(kernel_sources.current())}", ""]
+        facts = ", ".join(f"{self.machine[name]}" for name in ("cpu", "system"))
+        versions = ", ".join(
+            f"{name} {self.machine[name]}" for name in ("sarmitsuba", "mitsuba", "drjit", "numpy")
+        )
+        lines += [
+            f"Measured on {self.machine['day']}: {facts}, {self.machine['cores']} cores, load average {load()} at the "
+            f"end; {versions}.",
+            "",
+        ]
         return "\n".join(lines)
 
     def save(self, folder: Path) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from sarmitsuba.apps.cost.trial import TrialSetting
+    from sarmitsuba.apps.cost.trials import TrialSetting
     from sarmitsuba.apps.datasets.draw import Drawer
     from sarmitsuba.scene.scene import Scene
 
@@ -374,7 +374,7 @@ def resumed_scene() -> "Scene":
 
 def resumed_setting() -> "TrialSetting":
     """The setting of the trial in a journal."""
-    from sarmitsuba.apps.cost.trial import TrialSetting
+    from sarmitsuba.apps.cost.trials import TrialSetting
 
     return TrialSetting({"method": "image", "max_depth": 2})
 

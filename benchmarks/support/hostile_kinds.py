@@ -131,7 +131,7 @@ def _track(path: Path) -> object:
 
 
 def _vectors(path: Path) -> object:
-    from sarmitsuba.radar.ephemeris import StateVectors
+    from sarmitsuba.radar.orbit import StateVectors
 
     return StateVectors.read(path)
 

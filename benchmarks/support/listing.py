@@ -8,7 +8,7 @@ import harness
 
 FOLDERS = harness.ROOT / "benchmarks"
 DOCS = harness.ROOT / "docs"
-NOT_YET = "not yet measured on this page"
+NOT_YET = "not run"
 
 
 def scripts(folder: str) -> dict[str, str]:
@@ -47,11 +47,9 @@ def _pages(folder: str, name: str) -> str:
     """Links to the pages that name a script by its path or as ``--only NAME``."""
     named = re.compile(rf"{folder}/{name}\.py|run_all\.py --only {name}\b")
     found = [
-        path.stem
-        for path in sorted(DOCS.glob("*.md"))
-        if path.stem != "benchmarks" and named.search(path.read_text(encoding="utf-8"))
+        path.stem for path in sorted(DOCS.glob("*.md")) if named.search(path.read_text(encoding="utf-8"))
     ]
-    return ", ".join(f"[{stem.replace('_', ' ')}]({stem}.md)" for stem in found)
+    return ", ".join(f"[{stem.replace('_', ' ')}](../{stem}.md)" for stem in found)
 
 
 def _anchor(title: str) -> str:

@@ -12,7 +12,7 @@ from stated_row import Row
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject
-from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.metrics import image_error_db
 from tests.support.unweighted import focus
 
 BACKPROJECTIONS = (

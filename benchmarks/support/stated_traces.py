@@ -12,15 +12,15 @@ from denser_runs import DENSER, DENSER_RUNS, MOST_PASSES, TARGETS, converged
 from numpy.typing import NDArray
 from stated_row import Row
 
-from sarmitsuba.analysis.quality.error_budget import error_budget
+from sarmitsuba.analysis.error_budget import error_budget
 from sarmitsuba.core.arrays import C128, F64
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import default_grid
-from sarmitsuba.signal.image.metrics import image_error_db
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
+from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.signal.raw.block import plan_block, spread_reference
 from sarmitsuba.signal.raw.block_synthesis import synthesise
 from sarmitsuba.simulation.execution.blocks import partition

@@ -16,12 +16,12 @@ import numpy as np
 from denser_runs import DENSER, converged
 from stated_row import Row
 
-from sarmitsuba.analysis.quality.error_budget import error_budget
+from sarmitsuba.analysis.error_budget import error_budget
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.image.metrics import image_error_db
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
+from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.simulation.execution.refinement.error_bars import with_error_bars
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.simulation.execution.run import Run

@@ -8,6 +8,7 @@ other packages only when it runs, so that ``doctor`` works where they are missin
 from sarmitsuba.commands import (
     cost,
     dataset,
+    depth,
     derivative,
     doctor,
     explain,
@@ -43,6 +44,7 @@ COMMANDS = (
     explain,
     link,
     cost,
+    depth,
     derivative,
     fit_scene,
     scenes,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from sarmitsuba.commands.console import Console
 
 if TYPE_CHECKING:
-    from sarmitsuba.apps.cluster.dask_workers import DaskWorkers
+    from sarmitsuba.apps.cluster import DaskWorkers
     from sarmitsuba.scene.settings import TraceSettings
 
 
@@ -25,7 +25,7 @@ def add_cluster_argument(parser: argparse.ArgumentParser) -> None:
 def check_cluster_argument(args: argparse.Namespace) -> None:
     """Raise a ClusterError for an invalid address, before any other work."""
     if args.cluster:
-        from sarmitsuba.apps.cluster.address import ClusterAddress
+        from sarmitsuba.apps.cluster import ClusterAddress
 
         ClusterAddress.parse(args.cluster)
 
@@ -45,8 +45,8 @@ def open_workers(
         )
         yield None
         return
-    from sarmitsuba.apps.cluster.address import ClusterAddress
-    from sarmitsuba.apps.cluster.dask_workers import open_workers as opened
+    from sarmitsuba.apps.cluster import ClusterAddress
+    from sarmitsuba.apps.cluster import open_workers as opened
 
     with opened(ClusterAddress.parse(args.cluster), getattr(args, "extension", ())) as workers:
         console.say(f"cluster {workers.name}: {workers.n_workers} workers")

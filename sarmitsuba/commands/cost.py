@@ -197,7 +197,7 @@ def _check_earlier(folder: "OutputFolder", run_hash: str) -> None:
 def _save(folder: "OutputFolder", report: "CostReport", name: str, run_hash: str, text: str) -> None:
     from sarmitsuba.machine import parameter_file
     from sarmitsuba.machine.atomic import atomic_path
-    from sarmitsuba.view.cost import cost_figure, save_figure
+    from sarmitsuba.view.charts import cost_figure, save_figure
 
     record = {
         "scene": name,

@@ -79,7 +79,6 @@ def _workers(args: argparse.Namespace):  # type: ignore[no-untyped-def]
     """Workers of the cluster in the arguments, None without."""
     if not args.cluster:
         return nullcontext()
-    from sarmitsuba.apps.cluster.address import ClusterAddress
-    from sarmitsuba.apps.cluster.dask_workers import open_workers
+    from sarmitsuba.apps.cluster import ClusterAddress, open_workers
 
     return open_workers(ClusterAddress.parse(args.cluster), getattr(args, "extension", ()))

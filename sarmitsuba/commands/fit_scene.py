@@ -118,8 +118,8 @@ def _names(name: str, count: int) -> list[str]:
 
 def _picture(measured: "RawData", left: "RawData") -> "Figure":
     from sarmitsuba.signal.focusing import focus
-    from sarmitsuba.signal.image.sar_image import SarImage
-    from sarmitsuba.view.residual import residual_picture
+    from sarmitsuba.signal.image import SarImage
+    from sarmitsuba.view.charts import residual_picture
 
     images = [focus(replace(left, data=raw.data, layers=raw.layers)) for raw in (measured, left)]
     assert all(isinstance(image, SarImage) for image in images)

@@ -20,11 +20,11 @@ from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.timing import StageTimer
 
 if TYPE_CHECKING:
-    from sarmitsuba.apps.cluster.dask_workers import DaskWorkers
+    from sarmitsuba.apps.cluster import DaskWorkers
     from sarmitsuba.machine.output import OutputFolder
     from sarmitsuba.radar.image_request import ImageRequest
     from sarmitsuba.radar.radar import Radar
-    from sarmitsuba.signal.focusing.alternatives import Alternative
+    from sarmitsuba.signal.focusing.comparison import Alternative
     from sarmitsuba.signal.focusing.focuser import Focuser
     from sarmitsuba.signal.raw.raw_data import RawData
 
@@ -320,7 +320,7 @@ def check_focusing(radar: "Radar", request: "ImageRequest", args: argparse.Names
     from sarmitsuba.signal.focusing import default_grid
     from sarmitsuba.signal.focusing.focuser import parse_focuser
     from sarmitsuba.signal.focusing.motion_compensation import needs_compensation
-    from sarmitsuba.signal.image.shown_axes import ShownAxes
+    from sarmitsuba.signal.image import ShownAxes
 
     radar = radar.as_recorded()
     grid = default_grid(radar, request)
@@ -381,7 +381,7 @@ def focus_into(
         return _compare(folder, raw, args, console, watch, record, style, request)
     focuser: str | Focuser = args.focuser
     if workers is not None:
-        from sarmitsuba.apps.cluster.focusing import shared
+        from sarmitsuba.apps.cluster import shared
         from sarmitsuba.signal.focusing.focuser import parse_focuser
 
         focuser = shared(parse_focuser(args.focuser), workers)
@@ -409,7 +409,7 @@ def focus_into(
         console.say(f"focuser: {facts['chosen']}")
 
     def others() -> "Sequence[Alternative]":
-        from sarmitsuba.signal.focusing.alternatives import alternatives
+        from sarmitsuba.signal.focusing.comparison import alternatives
         from sarmitsuba.signal.focusing.focuser import parse_focuser
 
         if "motion_compensation" in facts:  # the straight track's focusers have another error
@@ -444,8 +444,8 @@ def _compare(
     """Focus with every focuser and draw the images side by side; the image of the run is the reference focuser's."""
     from sarmitsuba.commands import results
     from sarmitsuba.signal.focusing import default_grid, image_request
-    from sarmitsuba.signal.focusing.focuser_comparison import compare_focusers
-    from sarmitsuba.view.focusers import focusers_figure
+    from sarmitsuba.signal.focusing.comparison import compare_focusers
+    from sarmitsuba.view.charts import focusers_figure
 
     with watch.stage("focus"):
         # grid of `focus`: of the start-stop radar

@@ -11,7 +11,7 @@ from sarmitsuba.core.errors import DataError
 
 if TYPE_CHECKING:
     from sarmitsuba.scene.scene import Scene
-    from sarmitsuba.signal.image.sar_image import SarImage
+    from sarmitsuba.signal.image import SarImage
     from sarmitsuba.view.display import PictureOptions
     from sarmitsuba.view.figure import Figure
 
@@ -90,7 +90,7 @@ class PictureStyle:
 
     Parameters
     ----------
-    axes : frame of the axes, see :class:`sarmitsuba.signal.image.shown_axes.ShownAxes`; None: of the scene on ground
+    axes : frame of the axes, see :class:`sarmitsuba.signal.image.ShownAxes`; None: of the scene on ground
         grids
     scene : of the image; needed only for what follows
     outlined, with_plan : draw outlines of bodies, and the scene from above beside the image

@@ -1,6 +1,6 @@
 """Convert city data into a scene: GeoJSON or OpenStreetMap footprints, CityGML, meshes, elevation rasters.
 
-See docs/import.md.
+See docs/scenes.md.
 """
 
 import argparse

@@ -2,7 +2,7 @@
 
 The second pass is the first moved by a baseline across the line of sight; with --one-pass it is a second receiver. Both
 runs stay in OUT/first and OUT/second; `interferogram OUT/first OUT/second` evaluates them again. See
-docs/interferometry.md.
+docs/analysis.md.
 """
 
 import argparse
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Render both passes and evaluate them."""
-    from sarmitsuba.analysis.interferometry import second_pass
+    from sarmitsuba.analysis.baseline import second_pass
     from sarmitsuba.core.errors import DataError
 
     if args.no_focus or args.page:

@@ -1,7 +1,7 @@
 """Interferogram of two runs of one scene: phase, coherence, baselines and heights, as pictures and JSON.
 
 The second run's raw data are focused on the first image's grid where the second image has another one, as with another
-track. See docs/interferometry.md.
+track. See docs/analysis.md.
 """
 
 import argparse
@@ -15,7 +15,7 @@ from sarmitsuba.commands.image_arguments import files_of_run, image_file
 
 if TYPE_CHECKING:
     from sarmitsuba.analysis.interferometry import HeightMap, Interferogram
-    from sarmitsuba.signal.image.sar_image import SarImage
+    from sarmitsuba.signal.image import SarImage
 
 NAME = "interferogram"
 HELP = "phase, coherence, baselines and heights from two runs of one scene"
@@ -136,7 +136,7 @@ def _second(given: Path, first: "SarImage", channel: str | None, console: Consol
 
     It is the stored image, or one channel of the raw data focused with the first image's windows.
     """
-    from sarmitsuba.analysis.interferometry.interferogram import same_grid
+    from sarmitsuba.analysis.interferometry import same_grid
     from sarmitsuba.core.errors import DataError
     from sarmitsuba.files import read_image, read_raw
     from sarmitsuba.signal.focusing import focus

@@ -8,8 +8,8 @@ from sarmitsuba.machine.output import OutputFolder
 
 if TYPE_CHECKING:
     from sarmitsuba.scene.scene import Scene
-    from sarmitsuba.signal.image.labels import Labels
-    from sarmitsuba.signal.image.sar_image import SarImage
+    from sarmitsuba.signal.image import SarImage
+    from sarmitsuba.signal.pixel_labels import Labels
 
 LABELS, COCO, PIXELS = "labels.h5", "labels.json", "labels_pixels.png"
 # pictures over the image, of a layer each

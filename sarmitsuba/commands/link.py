@@ -1,6 +1,6 @@
 """Compute the link budget of a scene's radar before tracing: signal, noise, pulses, data volume, contradictions.
 
-Exit status: 1 where the radar cannot work as described, with one line that says why; see docs/link.md.
+Exit status: 1 where the radar cannot work as described, with one line that says why; see docs/radar.md.
 """
 
 import argparse
@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Print the link budget."""
-    from sarmitsuba.analysis.link import link_budget
+    from sarmitsuba.analysis.link_budget import link_budget
     from sarmitsuba.core.errors import RadarError
     from sarmitsuba.machine.backend import ensure_backend
 

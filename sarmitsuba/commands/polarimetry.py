@@ -1,7 +1,7 @@
 """Decompose an image of several polarisations.
 
 HH, HV, VH, VV: the Pauli colour composite; entropy, anisotropy and alpha (Cloude and Pottier) as maps and as the
-H-alpha plane. RH, RV (LH, LV): the m-chi and m-delta composites. See docs/polarimetry.md.
+H-alpha plane. RH, RV (LH, LV): the m-chi and m-delta composites. See docs/analysis.md.
 """
 
 import argparse

@@ -2,7 +2,7 @@
 
 IRW: half-power width of the main lobe. PSLR: highest side lobe beyond the first nulls over the peak. ISLR: energy
 beyond the first nulls over that between them, out to 16 cells. ENL: squared mean over variance of the intensity;
-contrast: its standard deviation over its mean; entropy: that of the intensities over their sum. See docs/quality.md.
+contrast: its standard deviation over its mean; entropy: that of the intensities over their sum. See docs/analysis.md.
 """
 
 import argparse
@@ -67,14 +67,15 @@ def run(args: argparse.Namespace, console: Console) -> int:
     """Measure."""
     import numpy as np
 
-    from sarmitsuba.analysis.quality import Area, KnownPoint, image_quality
+    from sarmitsuba.analysis.image_quality import Area, image_quality
+    from sarmitsuba.analysis.point_quality import KnownPoint
     from sarmitsuba.commands.results import draw_into
     from sarmitsuba.core.errors import DataError
     from sarmitsuba.files import read_image
     from sarmitsuba.machine import parameter_file
     from sarmitsuba.machine.output import OutputFolder, output_folder
-    from sarmitsuba.signal.image.shown_axes import ShownAxes
-    from sarmitsuba.view.response import quality_figure
+    from sarmitsuba.signal.image import ShownAxes
+    from sarmitsuba.view.charts import quality_figure
 
     source = image_file(Path(args.image))
     target = Path(args.output or source.parent)

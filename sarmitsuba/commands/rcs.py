@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sarmitsuba.core.arrays import F64
     from sarmitsuba.machine.output import OutputFolder
     from sarmitsuba.scene.scene import Scene
-    from sarmitsuba.signal.image.sar_image import SarImage
+    from sarmitsuba.signal.image import SarImage
     from sarmitsuba.simulation.execution.turntable import Aspects, RcsSweep
 
 NAME = "rcs"
@@ -38,7 +38,7 @@ _BANDWIDTH, _BAND_SHARE = 300e6, 0.2
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    from sarmitsuba.radar.bands import BANDS
+    from sarmitsuba.radar.waveform import BANDS
 
     add_scene_arguments(parser)
     parser.add_argument(
@@ -214,7 +214,7 @@ def _check_numbers(args: argparse.Namespace) -> None:
 def _scene(args: argparse.Namespace, console: Console) -> "Scene":
     """The scene at the frequency asked for; a mesh without a radar gets one."""
     from sarmitsuba.loading.from_mesh import is_mesh_file
-    from sarmitsuba.radar.bands import BANDS
+    from sarmitsuba.radar.waveform import BANDS
 
     frequency = BANDS[args.band] if args.band else args.frequency
     if args.radar is None and is_mesh_file(Path(args.scene)):
@@ -395,7 +395,7 @@ def _page(
 ) -> None:
     """Write the page."""
     from sarmitsuba.commands.view import PAGE
-    from sarmitsuba.view.page import rcs_payload
+    from sarmitsuba.view.page import payload as rcs_payload
     from sarmitsuba.view.page.write import write_page
 
     with folder.writing(PAGE) as path:

@@ -16,7 +16,7 @@ from sarmitsuba.core.errors import DataError, RadarError
 from sarmitsuba.core.timing import StageTimer
 
 if TYPE_CHECKING:
-    from sarmitsuba.apps.cluster.dask_workers import DaskWorkers
+    from sarmitsuba.apps.cluster import DaskWorkers
     from sarmitsuba.machine.output import OutputFolder
     from sarmitsuba.scene.scene import Scene
     from sarmitsuba.signal.raw.raw_data import RawData

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba import __version__
-from sarmitsuba.analysis.quality.account import Account, StageTime, account
+from sarmitsuba.analysis.account import Account, StageTime, account
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.image_arguments import PictureStyle
 from sarmitsuba.commands.label_files import PICTURES, label_names, save_labels
@@ -24,14 +24,14 @@ from sarmitsuba.files import FORMATS, FileFormat, read_raw, write_image, write_r
 from sarmitsuba.machine import parameter_file
 from sarmitsuba.machine.output import OutputFolder
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.raw.raw_data import RawData
 from sarmitsuba.simulation.execution.refinement.error_bars import with_error_bars
 from sarmitsuba.view.display import LARGEST, SMALLEST, PictureOptions, magnification
 
 if TYPE_CHECKING:
     from sarmitsuba.scene.scene import Scene
-    from sarmitsuba.signal.focusing.alternatives import Alternative
+    from sarmitsuba.signal.focusing.comparison import Alternative
     from sarmitsuba.simulation.planning.prediction.needs import Needs
     from sarmitsuba.view.quicklook import Drawing
 
@@ -286,7 +286,7 @@ def store_image(
                 if layer in labels.layers:
                     draw_into(folder, name, partial(labels_figure, image, labels, layer, options), console)
     if chart:
-        from sarmitsuba.view.account_chart import account_figure
+        from sarmitsuba.view.charts import account_figure
 
         title = f"{image.metadata['scene']}: " if image.metadata.get("scene") else ""
         with watch.stage("chart"):

@@ -42,7 +42,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     if not 1 <= args.port <= 65535:
         raise SarmitsubaError(f"studio: --port {args.port} is not from 1 to 65535")
     try:
-        from sarmitsuba.apps.studio.server import Studio
+        from sarmitsuba.apps.studio import Studio
     except ImportError as error:
         raise SarmitsubaError(
             f"studio: {error.name} is missing; install it with pip install sarmitsuba[studio]"

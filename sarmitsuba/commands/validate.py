@@ -82,9 +82,7 @@ def _validate(
 ) -> int:
     """Run the cases and write their results."""
     from sarmitsuba.truth.validation.comparison import Case
-    from sarmitsuba.truth.validation.figures import plot_case
-    from sarmitsuba.truth.validation.markdown_page import report, summary_lines, write
-    from sarmitsuba.truth.validation.run_cases import run_case
+    from sarmitsuba.truth.validation.run_cases import plot_case, report, run_case, summary_lines, write
 
     cases: list[Case] = []
     for i, entry in enumerate(entries):

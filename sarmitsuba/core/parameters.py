@@ -288,22 +288,27 @@ class ParamTable:
         raise self.error(f'{where}: unknown parameter "{one_line(name)}"{guess}')
 
     def markdown(self) -> str:
-        """Table of parameters in Markdown."""
-        rows = ["| parameter | type | unit | default | bounds | meaning |", "|---|---|---|---|---|---|"]
-        for p in self.rows:
+        """Table of parameters in Markdown; the unit is that of the bounds."""
+        rows = ["| parameter | type | default | bounds | meaning |", "|---|---|---|---|---|"]
+        read = [p for p in self.rows if p.kind != "ignored"]
+        for p in read:
             default = (
                 ""
                 if p.default in ("", None)
                 else str(p.default).lower()
                 if p.kind == "boolean"
+                else _compact(p.default)
+                if isinstance(p.default, float)
                 else f"{p.default}"
             )
-            if isinstance(p.default, float):
-                default = _compact(p.default)
-            if p.auto:
-                default += " (automatic)"
-            bounds = p.bounds_text().removeprefix("a number ").removeprefix("an integer ")
-            rows.append(f"| `{p.name}` | {p.kind} | {p.unit} | {default} | {bounds} | {p.doc} |")
+            bounds = "" if p.kind in ("string", "boolean") and not p.choices else p.bounds_text()
+            for words in ("a number ", "an integer ", "from ", "one of "):
+                bounds = bounds.removeprefix(words)
+            rows.append(
+                f"| `{p.name}` | {p.kind} | {'automatic' if p.auto else default} | {bounds} | {p.doc} |"
+            )
+        if ignored := [p for p in self.rows if p.kind == "ignored"]:
+            rows.append(f"| {', '.join(f'`{p.name}`' for p in ignored)} | ignored | | | {ignored[0].doc} |")
         return "\n".join(rows)
 
 

@@ -5,8 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.boxes import box_corners
+from sarmitsuba.core.arrays import F64, box_corners
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.effects.slabs_between import seen_through
 from sarmitsuba.scene.materials.map_materials import with_parts

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.machine.atomic import atomic_path
-from sarmitsuba.signal.image.labels import Labels
+from sarmitsuba.signal.pixel_labels import Labels
 from sarmitsuba.version import __version__
 
 

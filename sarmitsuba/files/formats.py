@@ -11,8 +11,7 @@ from sarmitsuba.core.errors import DataError, RadarError
 from sarmitsuba.core.registry import Registry
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.validity import check_radar, check_request
-from sarmitsuba.signal.image.pixel_bounds import check_image
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage, check_image
 from sarmitsuba.signal.raw.raw_data import RawData
 
 Content = Literal["raw", "image"]

@@ -10,8 +10,7 @@ import scipy
 from sarmitsuba.core.arrays import F32, F64
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.radar.geodesy import Anchor
-from sarmitsuba.signal.image.averaging import sliding_means
-from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.image import ImageGrid, SarImage, sliding_means
 
 # bound of the error of an outline, pixels; most halvings of its edges, of use at a pole only; narrowest part, deg
 _OUTLINE_ERROR, _HALVINGS, _LEAST_WIDTH = 0.05, 20, 1e-12

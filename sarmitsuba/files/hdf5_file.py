@@ -16,7 +16,7 @@ from sarmitsuba.machine.atomic import atomic_path
 from sarmitsuba.machine.guarded import GuardedFile
 from sarmitsuba.machine.isolated import survive
 from sarmitsuba.radar.geodesy import Anchor
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.version import __version__
 
 FORMAT_VERSION = 3

@@ -5,7 +5,7 @@ import numpy as np
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.files.extras import formats_package
 from sarmitsuba.radar.utc import utc_text
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.raw.raw_data import RawData
 
 

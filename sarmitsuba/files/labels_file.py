@@ -14,8 +14,8 @@ from sarmitsuba.core.errors import DataError
 from sarmitsuba.files import groups
 from sarmitsuba.files.hdf5_file import read_grid, read_hdf5, write_grid, write_hdf5
 from sarmitsuba.machine.regular_files import check_unpacked
-from sarmitsuba.signal.image.labels import LabelLayer, LabelledInstance, Labels
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
+from sarmitsuba.signal.pixel_labels import LabelLayer, LabelledInstance, Labels
 
 _NAME = re.compile(r"[A-Za-z]\w{0,63}", re.ASCII)
 # (unit, description) of the columns of instances that are numbers

@@ -19,9 +19,8 @@ from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.utc import DEFAULT_EPOCH
 from sarmitsuba.radar.validity import FARTHEST
 from sarmitsuba.radar.waveform import Waveform
-from sarmitsuba.signal.image.sar_image import UNCALIBRATED
-from sarmitsuba.signal.raw.autofocus_records import AutofocusRecords
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.image import UNCALIBRATED
+from sarmitsuba.signal.raw.raw_data import AutofocusRecords, Layer, RawData
 
 # samples per range cell of the profiles: a gap between the band and its repetition, for interpolation
 _OVERSAMPLING = 1.25
@@ -194,7 +193,7 @@ def raw_of(histories: Sequence[PhaseHistory]) -> RawData:
     Returns
     -------
     RawData, range compressed, with isotropic antennas, that of the longer track first; a focused pixel has the
-    amplitude of F, so that |pixel|^2 is in m^2 only if |F|^2 is (:func:`sarmitsuba.signal.image.calibration.calibrate`)
+    amplitude of F, so that |pixel|^2 is in m^2 only if |F|^2 is (:func:`sarmitsuba.signal.image.calibrate`)
 
     Raises
     ------

@@ -29,10 +29,9 @@ from sarmitsuba.files.nga import (
     set_utc,
     whole_microseconds,
 )
-from sarmitsuba.radar.collection import Collection, Signal
-from sarmitsuba.radar.flight import Flight
+from sarmitsuba.radar.collection import Collection, Flight, Signal
 from sarmitsuba.radar.geodesy import Anchor
-from sarmitsuba.signal.image.sar_image import UNCALIBRATED, ImageGrid, SarImage
+from sarmitsuba.signal.image import UNCALIBRATED, ImageGrid, SarImage
 from sarmitsuba.signal.raw.raw_data import Layer
 from sarmitsuba.version import __version__
 

@@ -16,8 +16,7 @@ from sarmitsuba.loading.notes import warn_once
 from sarmitsuba.loading.radar_ground import LevelGround
 from sarmitsuba.radar.builder import build_radar
 from sarmitsuba.radar.description import RadarInput
-from sarmitsuba.radar.extent import Extent
-from sarmitsuba.radar.image_request import ImageRequest
+from sarmitsuba.radar.image_request import Extent, ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.materials.diffuse import diffuse_tables

@@ -25,7 +25,7 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.materials.material import Material
-from sarmitsuba.scene.materials.vegetation.medium import VolumeMedium
+from sarmitsuba.scene.materials.vegetation.canopy import VolumeMedium
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scatterers import ScattererTarget
 from sarmitsuba.scene.scene import Scene

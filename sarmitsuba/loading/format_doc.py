@@ -18,7 +18,7 @@ def fill_tables(page: str) -> str:
 
     NAME is a plugin, ``effects``, ``laws``, ``modes``, ``itu``, ``bsdfs`` or ``shapes``. To update pages::
 
-        python -m sarmitsuba.loading.format_doc docs/scene_format.md docs/effects_reference.md
+        python -m sarmitsuba.loading.format_doc docs/scene_format.md docs/effects.md
     """
     return _BLOCK.sub(lambda match: f"{match[1]}{_table(match['name'])}\n{match[3]}", page)
 

@@ -14,9 +14,8 @@ from sarmitsuba.loading.material_tables import RADAR_MATERIAL
 from sarmitsuba.loading.shapes import Placed
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.scene.endless_ground import level_rim, reach_of
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.scene.ground_outline import DEPTH
+from sarmitsuba.scene.ground import DEPTH, level_rim, reach_of
 from sarmitsuba.scene.mesh.tessellate import rectangle
 
 PLUGIN, MATERIAL = "radar_ground", "material"

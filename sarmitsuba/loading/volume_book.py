@@ -13,8 +13,14 @@ from sarmitsuba.loading.elements import Element
 from sarmitsuba.loading.overrides import Overrides
 from sarmitsuba.loading.shapes import MeshReader, Placed
 from sarmitsuba.scene.materials.change import CHANGE, change_of
-from sarmitsuba.scene.materials.vegetation.canopy import CANOPIES, Canopy, Constituent, Orientation
-from sarmitsuba.scene.materials.vegetation.medium import VolumeMedium, water_cloud
+from sarmitsuba.scene.materials.vegetation.canopy import (
+    CANOPIES,
+    Canopy,
+    Constituent,
+    Orientation,
+    VolumeMedium,
+    water_cloud,
+)
 from sarmitsuba.scene.materials.vegetation.plant_pieces import Leaf, Stick
 from sarmitsuba.scene.mesh.closed import enclosed_volume, is_closed
 from sarmitsuba.scene.volumes import Volume

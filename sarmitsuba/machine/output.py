@@ -24,7 +24,7 @@ _INCOMPLETE = -1  # size in the list of a file being written: it may be old, new
 # names written by commands: a manipulated list cannot claim other files
 RESULTS = re.compile(
     r"(raw|image|second_on_first|quicklook|focusers|page|parameters|passes|quality|interferogram|heights|rcs|cost|"
-    r"accuracy|labels|polarimetry|pauli|h_a_alpha|h_alpha_plane|m_chi|m_delta|fit|residual|derivative)"
+    r"accuracy|labels|polarimetry|pauli|h_a_alpha|h_alpha_plane|m_chi|m_delta|fit|residual|derivative|depth)"
     r"(_[A-Za-z0-9]+)*(\.[A-Za-z0-9]+)+"
 )
 _LARGEST_LIST = 1 << 23  # bytes; an import of ten thousand meshes takes less than one

@@ -8,10 +8,8 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.samples import Samples
-from sarmitsuba.radar.pattern import PATTERNS, SINC_HALF_POWER
-from sarmitsuba.radar.pattern_table import PatternTable
+from sarmitsuba.core.arrays import F64, Samples
+from sarmitsuba.radar.pattern import PATTERNS, SINC_HALF_POWER, PatternTable
 
 # offset of the first null of a uniform aperture over its half-power half angle, in sines
 _NULL_OVER_HALF_POWER = 1.0 / SINC_HALF_POWER

@@ -1,6 +1,11 @@
-"""Synthetic aperture: geometry about the aim point, and the automatic track with consistent length, prf and pulses."""
+"""Synthetic aperture: geometry about the aim point, and the automatic track with consistent length, prf and pulses.
 
-from collections.abc import Callable
+Pulse intervals: uniform, random, or staggered (a repeated sequence).
+
+Motion of a steered beam over the scene: footprint speed, and the track that illuminates an image.
+"""
+
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -9,15 +14,181 @@ import numpy as np
 
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import RadarError
+from sarmitsuba.core.parameters import Value, one_line
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarInput
-from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
-from sarmitsuba.radar.path import FlightPath
-from sarmitsuba.radar.pulse_intervals import pulse_intervals
-from sarmitsuba.radar.sliding import BeamOverPath
+from sarmitsuba.radar.mode import MODES, AimGeometry, FlightPath, RadarMode, right_of
 from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth
-from sarmitsuba.radar.track import Track
+from sarmitsuba.radar.track import Track, effective_velocity_ratio
 from sarmitsuba.radar.waveform import Waveform
+
+_LONGEST_SEQUENCE = 100_000
+
+
+@dataclass(frozen=True)
+class PulseIntervals:
+    r"""Intervals between pulses over their mean 1 / prf.
+
+    .. math:: T_i = \frac{c_{i \bmod M}}{f_p} (1 + \sigma e_i)
+
+    Parameters
+    ----------
+    sequence : c, repeated intervals of mean 1; empty for uniform ones
+    jitter : sigma, rms of the Gaussian interval errors
+    seed : of e
+
+    Notes
+    -----
+    Positions and echoes are those at the pulses' own times, which the focuser knows.
+    """
+
+    sequence: tuple[float, ...] = ()
+    jitter: float = 0.0
+    seed: int = 0
+
+    def times(self, prf: float, n_pulses: int) -> F64:
+        """(n_pulses,) s; zero is halfway between the first and the last."""
+        intervals = np.ones(max(n_pulses - 1, 0))
+        if self.sequence:
+            intervals = np.resize(np.asarray(self.sequence), intervals.size)
+        if self.jitter > 0.0:
+            noise = np.random.default_rng(self.seed).standard_normal(intervals.size)
+            intervals = intervals * (1.0 + self.jitter * noise)
+        time = np.concatenate([[0.0], np.cumsum(intervals)]) / prf
+        return np.asarray(time - 0.5 * time[-1])
+
+    def track(self, path: FlightPath, prf: float, n_pulses: int) -> Track:
+        """Pulses along a path."""
+        if not self.sequence and self.jitter == 0.0:
+            return path.track(prf, n_pulses)
+        time = self.times(prf, n_pulses)
+        return Track(time, *path.states(time))
+
+
+def pulse_intervals(given: RadarInput) -> PulseIntervals:
+    """The intervals between pulses of a description.
+
+    Raises
+    ------
+    RadarError
+        ``pri_sequence`` is no list of intervals, or the seed has no effect.
+    """
+    s, where = given.sensor, given.where
+    if "prf_jitter_seed" in given.sensor_given and s.prf_jitter == 0.0:
+        raise RadarError(
+            f"{where}: prf_jitter_seed has no effect without prf_jitter; set prf_jitter above 0 or leave it out"
+        )
+    return PulseIntervals(_sequence(s.pri_sequence, where), s.prf_jitter, s.prf_jitter_seed)
+
+
+def _sequence(text: str, where: str) -> tuple[float, ...]:
+    """Intervals over their mean; empty for an empty text."""
+    if not text.strip():
+        return ()
+    wrong = RadarError(
+        f'{where}: pri_sequence = "{one_line(text)}" is not a list of intervals above 0; give for example "0.9,1,1.1", '
+        'or "ramp:40:0.3" for 40 intervals that fall evenly by 0.3 of their mean'
+    )
+    try:
+        kind, *numbers = text.strip().split(":")
+        if kind == "ramp":
+            count, span = int(numbers[0]), float(numbers[1])
+            if len(numbers) != 2 or not 2 <= count <= _LONGEST_SEQUENCE or not 0.0 < span < 2.0:
+                raise wrong
+            steps = np.linspace(1.0 + 0.5 * span, 1.0 - 0.5 * span, count)
+        else:
+            steps = np.array([float(cell) for cell in text.split(",")])
+    except (ValueError, IndexError):
+        raise wrong from None
+    if steps.size < 2 or not np.isfinite(steps).all() or steps.min() <= 0.0:
+        raise wrong
+    return tuple(float(step) for step in steps / steps.mean())
+
+
+# slant ranges on either side of mid-aperture within which the track is searched
+_LONGEST = 50.0
+# bisection steps, after which an interval is known to float64
+_HALVINGS = 60
+
+
+@dataclass(frozen=True, eq=False)
+class BeamOverPath:
+    """Beam steered by a mode along a path.
+
+    Parameters
+    ----------
+    law : the mode
+    path : flight path of the antenna
+    geometry : about the aim point
+    values : of the mode's parameters
+    """
+
+    law: RadarMode
+    path: FlightPath
+    geometry: AimGeometry
+    values: Mapping[str, Value]
+
+    def sines(self, time: F64, points: F64) -> tuple[F64, F64]:
+        """Sines along the flight at (n,) times, s: of points (m, 3), giving (n, m), and of the boresight, (n,)."""
+        track = Track(time, *self.path.states(time))
+        forward = track.velocity / np.linalg.norm(track.velocity, axis=1, keepdims=True)
+        line = points[None] - track.position[:, None]
+        sine = np.einsum("npc,nc->np", line, forward) / np.linalg.norm(line, axis=2)
+        boresight = self.law.pointing(track, self.geometry, self.values).boresight
+        return sine, np.einsum("nc,nc->n", boresight, forward)
+
+    @cached_property
+    def footprint_speed(self) -> float:
+        r"""Speed of the footprint at the aim point over the antenna's: 1 for a beam fixed to the track, 0 in spotlight.
+
+        .. math:: A = \left(1 - \frac{d s_{boresight}}{d s_{aim}}\right) \frac{V_{eff}^2}{V^2}
+
+        over the sines s along the flight, and the effective velocity, V on a straight path; see
+        `sarmitsuba.radar.radar.Radar.footprint_speed`.
+        """
+        step = 1e-3 * self.geometry.slant_range / self.path.speed
+        time = np.array([-step, 0.0, step])
+        aim, boresight = self.sines(time, self.geometry.aim[None])
+        held = 1.0 - float(boresight[2] - boresight[0]) / float(aim[2, 0] - aim[0, 0])
+        return held * effective_velocity_ratio(Track(time, *self.path.states(time)), self.geometry.aim, 1)
+
+    def track_length(self, points: F64, half_aperture: float, where: str) -> float:
+        """Length of track, centred on mid-aperture, whose beam passes over all points, m.
+
+        Parameters
+        ----------
+        points : (n, 3) float64, m, scene frame
+        half_aperture : largest sine off the boresight of pulses that are processed for a point
+        where : start of an error
+
+        Raises
+        ------
+        RadarError
+            The beam never leaves a point on the expected side.
+        """
+
+        def passes(half: float) -> bool:
+            time = np.array([-half, 0.0, half]) / self.path.speed
+            sine, boresight = self.sines(time, points)
+            offset = sine - boresight[:, None]
+            return bool((offset[0] >= half_aperture).all() and (offset[2] <= -half_aperture).all())
+
+        reach = self.geometry.slant_range
+        high = 1e-4 * reach
+        while not passes(high):
+            high *= 1.25
+            if high > _LONGEST * reach:
+                raise RadarError(
+                    f"{where}: the footprint moves at {self.footprint_speed:.3g} of the antenna's speed and never "
+                    "passes over the whole image; let it move faster (sliding_factor), shrink the image or coarsen "
+                    "azimuth_resolution"
+                )
+        low = high / 1.25
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if passes(middle) else (middle, high)
+        return 2.0 * high
+
 
 PRF_MARGIN = 1.25  # automatic prf over the Doppler bandwidth
 MAX_PULSES = 10_000_000

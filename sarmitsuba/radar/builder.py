@@ -1,8 +1,16 @@
-"""Radar and image request from the description of sensor and film."""
+"""Radar and image request from the description of sensor and film.
+
+Antenna from a description: a pattern with its beamwidths, or a measured one.
+
+Warnings about valid values that look like an error of units, one line each.
+
+Second pass of an interferometric pair: the track shifted by a constant baseline.
+"""
 
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -10,7 +18,7 @@ from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.core.units import power_from_db
-from sarmitsuba.radar.antenna import Pointing
+from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.aperture import (
     automatic_track,
     geometry_from_angles,
@@ -19,28 +27,191 @@ from sarmitsuba.radar.aperture import (
     known_azimuth_cell,
     spare_pulses,
 )
-from sarmitsuba.radar.attitude import pointing_error
-from sarmitsuba.radar.beam import antenna_of
-from sarmitsuba.radar.coverage import ambiguities, check_coverage
 from sarmitsuba.radar.description import RadarInput
-from sarmitsuba.radar.ephemeris import EphemerisPath
-from sarmitsuba.radar.extent import Extent
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.geodesy import Anchor
-from sarmitsuba.radar.image_request import ImageRequest, build_image_request, faded_box, image_box
-from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
-from sarmitsuba.radar.orbit import orbit_of
-from sarmitsuba.radar.parallel_pass import parallel_pass
-from sarmitsuba.radar.path import FlightPath
-from sarmitsuba.radar.plausibility import doubtful_angles, doubtful_distance, doubtful_pixels, doubtful_track
+from sarmitsuba.radar.image_request import Extent, ImageRequest, build_image_request, faded_box, image_box
+from sarmitsuba.radar.mode import MODES, AimGeometry, FlightPath, right_of
+from sarmitsuba.radar.orbit import EphemerisPath, orbit_of
+from sarmitsuba.radar.pattern import PATTERNS, PatternTable
 from sarmitsuba.radar.polarisation import read_channels
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.receiver import receiver_track
-from sarmitsuba.radar.recorded import recorded_track
-from sarmitsuba.radar.swath import Box, receive_window
+from sarmitsuba.radar.swath import Box, ambiguities, check_coverage, receive_window
 from sarmitsuba.radar.track import Track
+from sarmitsuba.radar.track_errors import pointing_error, recorded_track
 from sarmitsuba.radar.utc import DEFAULT_EPOCH, utc_after, utc_of
 from sarmitsuba.radar.waveform import Waveform
+
+
+def antenna_of(given: RadarInput, wavelength: float) -> Antenna:
+    """The antenna of a description.
+
+    Parameters
+    ----------
+    given : parameters
+    wavelength : at the centre frequency, m; converts aperture sizes to beamwidths
+
+    Raises
+    ------
+    RadarError
+        Parameters are missing or contradict each other, or the file of a measured pattern is invalid.
+    """
+    s = given.sensor
+    gain = float(power_from_db(s.gain_db))
+    azimuth = (("azimuth_beamwidth_deg", s.azimuth_beamwidth_deg), ("antenna_length", s.antenna_length))
+    elevation = (("elevation_beamwidth_deg", s.elevation_beamwidth_deg), ("antenna_height", s.antenna_height))
+    measured = PATTERNS[s.pattern].measured
+    if s.pattern == "isotropic" or measured:
+        for name, value in (*azimuth, *elevation):
+            if value > 0.0:
+                raise RadarError(
+                    f"{given.where}: {name} = {value:g} has no effect with pattern = {s.pattern}; "
+                    f"{'the table has its own widths' if measured else 'set pattern to gaussian or rectangular'}"
+                )
+    if s.pattern_file and not measured:
+        raise RadarError(
+            f"{given.where}: pattern_file has no effect with pattern = {s.pattern}; set pattern to table or leave "
+            "it out"
+        )
+    if measured:
+        if not s.pattern_file:
+            raise RadarError(f"{given.where}: pattern = {s.pattern} needs a pattern_file; give its path")
+        path = Path(s.pattern_file)
+        table = PatternTable.from_csv(path if path.is_absolute() else given.folder / path)
+        widths = [cut.beamwidth for cut in table.cuts]
+        return Antenna(s.pattern, gain, widths[0], widths[1], table)
+    if s.pattern == "isotropic":
+        return Antenna("isotropic", gain)
+    widths = [_width_of(given, *axis, wavelength) for axis in (azimuth, elevation)]
+    return Antenna(s.pattern, gain, widths[0], widths[1])
+
+
+def _width_of(
+    given: RadarInput, width: tuple[str, float], size: tuple[str, float], wavelength: float
+) -> float:
+    """Half-power width along an axis, rad, as given or of the pattern's aperture of the given size."""
+    pattern = PATTERNS[given.sensor.pattern]
+    if (width[1] > 0.0) == (size[1] > 0.0):
+        raise RadarError(
+            f"{given.where}: pattern = {pattern.name} needs one of {width[0]} = {width[1]:g} deg and "
+            f"{size[0]} = {size[1]:g} m above 0; give exactly one"
+        )
+    if width[1] > 0.0:
+        return float(np.radians(width[1]))
+    half = pattern.half_power_sine
+    if half is None:
+        raise RadarError(
+            f"{given.where}: {size[0]} = {size[1]:g} m: pattern {pattern.name} belongs to no aperture; give "
+            f"{width[0]}, or half_power_sine to the pattern"
+        )
+    sine = half * wavelength / size[1]
+    if sine >= 1.0:
+        raise RadarError(
+            f"{given.where}: {size[0]} = {size[1]:g} m is below {half:.3f} wavelengths ({half * wavelength:g} m); "
+            f"enlarge it or give {width[0]}"
+        )
+    return 2.0 * float(np.arcsin(sine))
+
+
+# a track within the numeric bounds of longitude and latitude, above this height and below this speed, is taken as
+# degrees: slow rail-based radars are near the ground
+_DEGREES = np.array([180.0, 90.0])
+_SLOW, _HIGH = 0.2, 50.0  # m/s, m
+# slant ranges below this, m, are those of airborne radars in km
+_NEAR = 50.0
+
+
+def doubtful_angles(given: RadarInput) -> list[str]:
+    """Warning about a look or incidence angle that may be in radians."""
+    s = given.sensor
+    angles = (("look_angle_deg", s.look_angle_deg), ("incidence_angle_deg", s.incidence_angle_deg))
+    return [
+        f"{given.where}: {name} = {angle:g} deg looks straight down; if it is meant in radians, give "
+        f"{np.degrees(angle):.4g}"
+        for name, angle in angles
+        if angle < 0.5 * np.pi
+    ]
+
+
+def doubtful_distance(given: RadarInput, scene: Box) -> list[str]:
+    """Warning about a slant range that may be in kilometres: of less than 50 m to a scene more than twice as wide."""
+    distance, width = given.sensor.slant_range, float((scene.high - scene.low)[:2].max())
+    if not 0.0 < distance < _NEAR or width < 2.0 * distance:
+        return []
+    return [
+        f"{given.where}: slant_range = {distance:g} m puts the antenna within the scene, which is {width:.4g} m wide; "
+        f"if it is meant in km, give {1e3 * distance:g}"
+    ]
+
+
+def doubtful_track(given: RadarInput, track: Track, offset: F64) -> list[str]:
+    """Warning about a track whose x and y may be longitude and latitude in degrees."""
+    position = track.position + offset
+    if track.n_pulses < 2 or (np.abs(position[:, :2]) > _DEGREES).any():
+        return []
+    steps = np.linalg.norm(np.diff(position[:, :2], axis=0), axis=1)
+    speed = float(steps.sum() / (track.time[-1] - track.time[0]))
+    if not 0.0 < speed < _SLOW or position[:, 2].min() < _HIGH:
+        return []
+    return [
+        f"{given.sensor.track_file or given.where}: the antenna moves at {speed:.2g} m/s at a height of "
+        f"{position[:, 2].mean():.4g} m: are x and y longitude and latitude? give metres in the scene's frame"
+    ]
+
+
+def doubtful_pixels(image: ImageRequest, radar: Radar, where: str) -> list[str]:
+    """Warning about pixels wider than a resolution cell.
+
+    Parameters
+    ----------
+    image : with its pixel spacings
+    radar : whose track and bandwidth give the cells
+    where : start of every line
+    """
+    look = np.array([image.center_x, image.center_y, image.height]) - radar.track.center_position
+    sine = float(np.linalg.norm(look[:2]) / np.linalg.norm(look))
+    range_cell = radar.waveform.range_cell / (max(sine, 1e-9) if image.grid == "ground" else 1.0)
+    return [
+        f"{where}: {name} = {spacing:g} m is wider than the resolution cell of {cell:.4g} m, so that targets between "
+        f"pixels are missing; give at most {cell:.4g} m, or 0 for half of it"
+        for name, spacing, cell in (
+            ("pixel_spacing_azimuth", image.spacing_azimuth, _azimuth_cell(radar)),
+            ("pixel_spacing_range", image.spacing_range, range_cell),
+        )
+        if spacing > cell * (1.0 + 1e-6)
+    ]
+
+
+def _azimuth_cell(radar: Radar) -> float:
+    """Azimuth cell of the aperture of the image's centre, m; infinite for a single pulse."""
+    if np.isfinite(radar.half_aperture):
+        return radar.waveform.wavelength / (4.0 * radar.half_aperture)
+    look = radar.track.position - radar.aim_point
+    sine = (look @ radar.track.along) / np.linalg.norm(look, axis=1)
+    return radar.waveform.wavelength / (2.0 * max(float(np.ptp(sine)), 1e-30))
+
+
+def parallel_pass(given: RadarInput, track: Track, geometry: AimGeometry) -> tuple[Track, AimGeometry]:
+    """Track and geometry of the parallel pass of ``pass_offset_...``; unchanged without offsets.
+
+    Pulses, their rate and the image stay those of the track without the offset. The beam points at the aim point from
+    the shifted track; an offset along the track shifts the footprint of a beam fixed to the track.
+
+    Parameters
+    ----------
+    given : the description
+    track : without the offset, scene frame
+    geometry : of that track
+    """
+    s = given.sensor
+    if not (s.pass_offset_along or s.pass_offset_across or s.pass_offset_up):
+        return track, geometry
+    along = track.along
+    sideways = s.pass_offset_across * right_of(along) + s.pass_offset_up * np.array([0.0, 0.0, 1.0])
+    moved = track.moved(sideways + s.pass_offset_along * along)
+    return moved, replace(geometry, center=geometry.center + sideways)
+
 
 SAMPLING_MARGIN = 1.2  # automatic sampling rate over the bandwidth
 MAX_SAMPLES = 2**36  # most samples of raw data: 0.5 TiB

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.radar.effective_velocity import range_acceleration
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.radar.track import Track
+from sarmitsuba.radar.track import Track, range_acceleration
 
 
 @dataclass(frozen=True, eq=False)

@@ -62,8 +62,8 @@ def nesz(
     Notes
     -----
     ``delta_r`` is the slant-range cell c / (2 B); sigma0 refers to ground area. Ignores azimuth ambiguities,
-    windows and the beam's taper, for which see :mod:`sarmitsuba.analysis.link`. A flat spectrum has the equivalent area
-    of exactly one cell.
+    windows and the beam's taper, for which see :mod:`sarmitsuba.analysis.link_budget`. A flat spectrum has the
+    equivalent area of exactly one cell.
     """
     area = radar.waveform.range_cell * azimuth_cell / np.sin(incidence_angle)
     return float(1.0 / (snr(radar, 1.0, slant_range, n_pulses) * area))

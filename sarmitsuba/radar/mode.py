@@ -1,4 +1,7 @@
-"""Radar modes: beam steering over the track, and the aperture, resolution and Doppler bandwidth that follow."""
+"""Radar modes: beam steering over the track, and the aperture, resolution and Doppler bandwidth that follow.
+
+Flight path of the antenna as a function of time; automatic tracks are samples of it at the pulse times.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -11,8 +14,51 @@ from sarmitsuba.core.errors import ExtensionError
 from sarmitsuba.core.parameters import Param, Value
 from sarmitsuba.core.registry import Registry
 from sarmitsuba.radar.antenna import Pointing
-from sarmitsuba.radar.path import FlightPath, StraightPath
 from sarmitsuba.radar.track import Track
+
+
+class FlightPath(ABC):
+    """Position and velocity at any time; time zero is mid-aperture."""
+
+    @abstractmethod
+    def states(self, time: F64) -> tuple[F64, F64]:
+        """Position (m) and velocity (m/s), two (n, 3) float64 in the scene frame, at (n,) times in s."""
+
+    @property
+    def speed(self) -> float:
+        """Speed at mid-aperture, m/s."""
+        return float(np.linalg.norm(self.states(np.zeros(1))[1]))
+
+    def track(self, prf: float, n_pulses: int) -> Track:
+        """Uniformly timed pulses with mid-aperture in their middle.
+
+        Parameters
+        ----------
+        prf : pulse repetition frequency, Hz
+        n_pulses : number of pulses
+        """
+        time = np.asarray((np.arange(n_pulses) - 0.5 * (n_pulses - 1)) / prf, dtype=np.float64)
+        return Track(time, *self.states(time))
+
+
+@dataclass(frozen=True, eq=False)
+class StraightPath(FlightPath):
+    """Straight path at constant speed.
+
+    Parameters
+    ----------
+    center : (3,) float64, m, scene frame; mid-aperture
+    flight : (3,) float64, m/s, velocity
+    """
+
+    center: F64
+    flight: F64
+
+    def states(self, time: F64) -> tuple[F64, F64]:
+        """See the class."""
+        position = np.asarray(self.center + time[:, None] * self.flight)
+        return position, np.broadcast_to(self.flight, position.shape).copy()
+
 
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -10,10 +10,9 @@ from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import RadarError
 from sarmitsuba.radar.antenna import Antenna, Pointing
-from sarmitsuba.radar.effective_velocity import effective_velocity_ratio
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.mode import MODES, RadarMode
-from sarmitsuba.radar.track import Track, numbers_of
+from sarmitsuba.radar.track import Track, effective_velocity_ratio, numbers_of
 from sarmitsuba.radar.utc import utc_after
 from sarmitsuba.radar.waveform import Waveform
 

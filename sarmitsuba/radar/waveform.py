@@ -1,5 +1,9 @@
-"""Transmitted waveform: a linear frequency-modulated pulse."""
+"""Transmitted waveform: a linear frequency-modulated pulse.
 
+Radar band letters and a usual frequency of each.
+"""
+
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -53,3 +57,14 @@ class Waveform:
     def range_cell(self) -> float:
         """Slant-range cell c / (2 B), m; the unweighted -3 dB width is 0.886 of it."""
         return SPEED_OF_LIGHT / (2.0 * self.bandwidth)
+
+
+# Hz, within IEEE Std 521: ALOS-2, NISAR's S band, Sentinel-1, TerraSAR-X, airborne Ku and Ka radars
+BANDS: Mapping[str, float] = {
+    "L": 1.2575e9,
+    "S": 3.2e9,
+    "C": 5.405e9,
+    "X": 9.65e9,
+    "Ku": 16.7e9,
+    "Ka": 35.0e9,
+}

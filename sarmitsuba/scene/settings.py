@@ -43,7 +43,7 @@ class TraceSettings:
     default_rms_height : m, of Sionna's materials without a roughness; 0: none has a typical one; used while loading
     smooth : whether meshes are taken for their smooth surfaces, see :mod:`sarmitsuba.scene.mesh.smooth_surface`; used
         while loading
-    endless_ground : whether level ground goes on beyond its rim, see :mod:`sarmitsuba.scene.endless_ground`
+    endless_ground : whether level ground goes on beyond its rim, see :mod:`sarmitsuba.scene.ground`
     effects : name of an effect to ``auto``, ``on`` or ``off``; others are ``auto``
     """
 

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from sarmitsuba.core.arrays import F64, I32
-from sarmitsuba.scene.materials.vegetation.medium import VolumeMedium
+from sarmitsuba.scene.materials.vegetation.canopy import VolumeMedium
 from sarmitsuba.scene.mesh.closed import enclosed_volume, surface_area
 
 

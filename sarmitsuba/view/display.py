@@ -7,15 +7,12 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from sarmitsuba.analysis.quality.looks import spectral_looks
+from sarmitsuba.analysis.image_quality import spectral_looks
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.parameters import did_you_mean
 from sarmitsuba.core.units import db_from_power
-from sarmitsuba.signal.image.averaging import block_means
-from sarmitsuba.signal.image.calibration import backscatter
-from sarmitsuba.signal.image.sar_image import SarImage
-from sarmitsuba.signal.image.shown_axes import ShownAxes
+from sarmitsuba.signal.image import SarImage, ShownAxes, backscatter, block_means
 from sarmitsuba.signal.raw.raw_data import Layer
 
 Quantity = Literal["sigma0", "gamma0", "beta0", "rcs", "amplitude", "phase"]
@@ -77,9 +74,10 @@ class PictureOptions:
         in large images that are speckle throughout as many as the picture needs, see `prepare`
     order : single bounce order to show; None: the sum of all
     spectral_looks : parts of the spectrum in azimuth and range whose powers are averaged, see
-        :func:`sarmitsuba.analysis.quality.spectral_looks`; they reduce speckle more than ``looks`` of as many pixels
+        :func:`sarmitsuba.analysis.image_quality.spectral_looks`; they reduce speckle more than ``looks`` of as many
+        pixels
     axes : frame of the axes' numbers, ``scene`` or ``radar``, see
-        :class:`sarmitsuba.signal.image.shown_axes.ShownAxes`;
+        :class:`sarmitsuba.signal.image.ShownAxes`;
         None: ``scene`` for images on the ground, ``radar`` for those in slant range
     """
 

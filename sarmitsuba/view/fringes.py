@@ -12,7 +12,7 @@ from matplotlib.image import AxesImage
 from sarmitsuba.analysis.interferometry import HeightMap, Interferogram
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.units import db_from_power
-from sarmitsuba.signal.image.shown_axes import ShownAxes
+from sarmitsuba.signal.image import ShownAxes
 from sarmitsuba.view.figure import Figure
 
 _CYCLIC = "hsv"

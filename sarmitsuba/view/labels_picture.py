@@ -11,9 +11,8 @@ from sarmitsuba.core.arrays import U8
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.parameters import did_you_mean
 from sarmitsuba.machine.atomic import atomic_path
-from sarmitsuba.signal.image.labels import LabelLayer, Labels
-from sarmitsuba.signal.image.sar_image import SarImage
-from sarmitsuba.signal.image.shown_axes import ShownAxes
+from sarmitsuba.signal.image import SarImage, ShownAxes
+from sarmitsuba.signal.pixel_labels import LabelLayer, Labels
 from sarmitsuba.view.display import PictureOptions, limits_db
 from sarmitsuba.view.figure import Figure
 from sarmitsuba.view.quicklook import quicklook

@@ -6,11 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
-from sarmitsuba.radar.footprint import lit, outline
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.swath import lit, outline
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.image.sar_image import Multilook, SarImage
-from sarmitsuba.signal.image.shown_axes import ShownAxes
+from sarmitsuba.signal.image import Multilook, SarImage, ShownAxes
 from sarmitsuba.view.figure import Figure
 from sarmitsuba.view.quicklook import quicklook, save
 

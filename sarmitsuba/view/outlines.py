@@ -14,8 +14,7 @@ from sarmitsuba.core.errors import DataError
 from sarmitsuba.scene.mesh.connected import connected
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.placement import ImagePlacement
-from sarmitsuba.signal.image.sar_image import ImageGrid
-from sarmitsuba.signal.image.shown_axes import ShownAxes
+from sarmitsuba.signal.image import ImageGrid, ShownAxes
 
 if TYPE_CHECKING:
     import shapely

@@ -4,12 +4,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
-from sarmitsuba.analysis.polarimetry.cloude_pottier import ALPHA_BOUNDS_DEG, ENTROPY_BOUNDS, CloudePottier
-from sarmitsuba.analysis.polarimetry.colours import SPAN_DB
-from sarmitsuba.analysis.polarimetry.polarisation_report import PolarimetryReport
+from sarmitsuba.analysis.polarimetry import (
+    ALPHA_BOUNDS_DEG,
+    ENTROPY_BOUNDS,
+    SPAN_DB,
+    CloudePottier,
+    PolarimetryReport,
+)
 from sarmitsuba.core.arrays import F64, U8
-from sarmitsuba.signal.image.sar_image import SarImage
-from sarmitsuba.signal.image.shown_axes import ShownAxes
+from sarmitsuba.signal.image import SarImage, ShownAxes
 from sarmitsuba.view.figure import Figure
 
 _ZONE_PLACES = {1: (0.95, 72.0), 2: (0.95, 47.0), 4: (0.7, 80.0), 5: (0.7, 45.0), 6: (0.7, 10.0)} | {

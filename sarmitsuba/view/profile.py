@@ -7,9 +7,7 @@ import numpy as np
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.units import db_from_power
-from sarmitsuba.signal.image.calibration import Quantity, backscatter
-from sarmitsuba.signal.image.sar_image import SarImage
-from sarmitsuba.signal.image.shown_axes import ShownAxes
+from sarmitsuba.signal.image import RadiometricQuantity, SarImage, ShownAxes, backscatter
 from sarmitsuba.view.display import quantity_label
 from sarmitsuba.view.figure import Figure
 
@@ -20,7 +18,7 @@ def cut(
     *,
     at: float | None = None,
     channel: str | None = None,
-    quantity: Quantity = "rcs",
+    quantity: RadiometricQuantity = "rcs",
 ) -> tuple[F64, F64, float]:
     """Cut through an image: position (n,) m, power (n,) dB, and position of the cut on the other axis, m.
 
@@ -52,7 +50,7 @@ def profile(
     *,
     at: float | None = None,
     channel: str | None = None,
-    quantity: Quantity = "rcs",
+    quantity: RadiometricQuantity = "rcs",
     span_db: float = 60.0,
 ) -> Figure:
     """Draw a cut; see :func:`cut`."""

@@ -1,16 +1,26 @@
-"""Quick-look pictures: by default grey decibels, axes in metres, range to the right, azimuth up, not smoothed."""
+"""Quick-look pictures: by default grey decibels, axes in metres, range to the right, azimuth up, not smoothed.
+
+Scale bar and directions of flight, look, east and north in the margin below a picture.
+
+Optical plan of a scene beside its image: faces seen from above, shaded, on axes of the ground.
+"""
 
 import dataclasses
+import math
 import textwrap
 from collections.abc import Callable, Mapping
 from io import BytesIO
 from pathlib import Path
 
 import matplotlib
+import matplotlib.figure
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
 from matplotlib.image import AxesImage
+from matplotlib.lines import Line2D
+from matplotlib.text import Annotation
 
 from sarmitsuba.core.arrays import U8
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
@@ -19,12 +29,157 @@ from sarmitsuba.core.parameters import did_you_mean
 from sarmitsuba.core.witness import USELESS_DB, Witness
 from sarmitsuba.machine.atomic import atomic_path
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.image.sar_image import SarImage
-from sarmitsuba.view.bearings import draw_flight_and_look, draw_north_and_east, draw_scale_bar
+from sarmitsuba.signal.image import ImageGrid, SarImage, ShownAxes
 from sarmitsuba.view.display import LARGEST, SMALLEST, Display, PictureOptions, prepare, screen_size
 from sarmitsuba.view.figure import PACKED, Figure
 from sarmitsuba.view.outlines import draw_outlines
-from sarmitsuba.view.shaded_plan import draw_plan, plan_width
+
+_ARROW = {"arrowstyle": "-|>", "color": "black", "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0}
+_NEEDLE = 20.0  # half the length of the arrows to the north and the east, screen pixels
+
+
+def draw_flight_and_look(figure: matplotlib.figure.Figure, look_side: str) -> None:
+    """Draw the directions of flight (up) and look (right) in the lower left corner."""
+    x, y, length = 18.0, 14.0, 26.0
+    for tip in ((x, y + length), (x + length, y)):
+        _arrow(figure, (x, y), tip)
+    _text(figure, (x + 5, y + length), "flight", va="top")
+    _text(figure, (x + length + 3, y), f"look {look_side}".rstrip(), va="center")
+
+
+def draw_north_and_east(figure: matplotlib.figure.Figure, grid: ImageGrid, x: float) -> None:
+    """Draw the directions of north (y of the scene) and east (x) on the ground about ``x`` screen pixels from the left.
+
+    Seen from a radar that looks to the left, east is to the left of north: with range to the right the picture is
+    mirrored.
+    """
+    y = 30.0
+    for index, name in ((1, "N"), (0, "E")):
+        direction = np.array([grid.across[index], grid.along[index]], dtype=np.float64)
+        direction /= max(float(np.hypot(*direction)), 1e-12)
+        tip = (x + _NEEDLE * float(direction[0]), y + _NEEDLE * float(direction[1]))
+        _arrow(figure, (x, y), tip)
+        beside = (x + (_NEEDLE + 8.0) * float(direction[0]), y + (_NEEDLE + 6.0) * float(direction[1]))
+        _text(figure, beside, name, va="center", ha="center")
+
+
+def draw_scale_bar(figure: matplotlib.figure.Figure, pixels_per_metre: float, right: float) -> None:
+    """Draw a bar of 1, 2 or 5 times a power of ten metres that ends ``right`` screen pixels from the left edge.
+
+    Parameters
+    ----------
+    figure : to draw into
+    pixels_per_metre : scale of the picture
+    right : screen pixels
+    """
+    longest = 80.0 / pixels_per_metre  # metres
+    power = 10.0 ** math.floor(math.log10(longest))
+    metres = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= longest)
+    length = metres * pixels_per_metre
+    width, height = figure.get_size_inches() * figure.dpi
+    ends = np.array([right - length, right]) / width
+    bar = Line2D(ends, np.full(2, 12.0) / height, color="black", linewidth=2.5, solid_capstyle="butt")
+    figure.add_artist(bar)
+    _text(figure, (right - length - 4.0, 12.0), f"{metres:g} m", va="center", ha="right")
+
+
+def _arrow(figure: matplotlib.figure.Figure, start: tuple[float, float], tip: tuple[float, float]) -> None:
+    figure.add_artist(Annotation("", xy=tip, xycoords="figure pixels", xytext=start, arrowprops=_ARROW))
+
+
+def _text(
+    figure: matplotlib.figure.Figure, place: tuple[float, float], text: str, *, va: str, ha: str = "left"
+) -> None:
+    label = Annotation(text, xy=place, xycoords="figure pixels", fontsize=7, va=va, ha=ha, parse_math=False)
+    figure.add_artist(label)
+
+
+# colours of materials in turn, and light from near range and late azimuth (the upper left), above
+_COLOURS = np.array(
+    [(0.80, 0.78, 0.70), (0.86, 0.66, 0.56), (0.62, 0.72, 0.84), (0.66, 0.80, 0.64), (0.82, 0.74, 0.86)]
+)
+_LIGHT = np.array([-0.5, 0.5, 1.0]) / np.sqrt(1.5)
+_DARKEST = 0.35  # of faces turned away
+# most faces drawn; the largest ones are kept
+_MOST = 200_000
+
+
+def ground_grid(grid: ImageGrid) -> ImageGrid:
+    """Grid on the ground of the extent of an image; that of a slant-range image, has even steps."""
+    if grid.kind == "ground":
+        return grid
+    across = grid.across_distance()
+    near, far = float(across[0]), float(across[-1])
+    middle = 0.5 * (near + far)
+    flat = np.array([grid.origin[0], grid.origin[1], grid.height])
+    return ImageGrid(
+        "ground",
+        grid.azimuth,
+        np.linspace(near - middle, far - middle, grid.range.size),
+        flat + middle * grid.across,
+        grid.along,
+        grid.across,
+        grid.height,
+        grid.offset,
+        grid.anchor,
+    )
+
+
+def draw_plan(axes: Axes, scene: Scene, grid: ImageGrid, frame: str | None = None) -> None:
+    """Draw the scene from above at time zero, range to the right and azimuth upwards.
+
+    Parameters
+    ----------
+    axes : get the limits of the grid's picture
+    scene : to draw
+    grid : the image's; slant-range images are shown over ground range
+    frame : of the axes' numbers, see :class:`sarmitsuba.signal.image.ShownAxes`
+    """
+    ground = ground_grid(grid)
+    shown = ShownAxes.of(ground, frame)
+    left, right, below, above = shown.extent(ground)
+    own = ground.in_frame(scene.radar.offset)
+    offset = scene.geometry.vertices - own.origin
+    across, up = shown.shown(offset @ own.along, offset @ own.across)
+    corner = np.stack([across, up], axis=-1)[scene.geometry.faces]
+    turned = np.stack([offset @ own.across, offset @ own.along, offset[:, 2]], axis=-1)[scene.geometry.faces]
+    inside = np.ones(len(corner), dtype=bool)
+    for i, ends in enumerate(((left, right), (below, above))):
+        inside &= (corner[:, :, i].max(axis=1) > min(ends)) & (corner[:, :, i].min(axis=1) < max(ends))
+    normal = np.cross(turned[:, 1] - turned[:, 0], turned[:, 2] - turned[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    pick = np.flatnonzero(inside & (np.abs(normal[:, 2]) > 1e-9 * area))
+    pick = pick[np.argsort(-area[pick], kind="stable")[:_MOST]]
+    pick = pick[np.argsort(turned[pick, :, 2].mean(axis=1), kind="stable")]  # higher faces cover lower ones
+    unit = normal[pick] / area[pick, None] * np.sign(normal[pick, 2:])
+    light = _DARKEST + (1.0 - _DARKEST) * np.maximum(unit @ _LIGHT, 0.0) / _LIGHT[2]
+    colour = _COLOURS[scene.geometry.face_material[pick] % len(_COLOURS)]
+    axes.set_facecolor("0.9")
+    axes.add_collection(
+        PolyCollection(
+            list(corner[pick]),
+            facecolors=np.clip(colour * light[:, None], 0.0, 1.0),
+            edgecolors="face",
+            linewidths=0.2,
+        ),
+        autolim=False,
+    )
+    if scene.points:
+        place = np.array([point.position for point in scene.points]) - own.origin
+        axes.plot(*shown.shown(place @ own.along, place @ own.across), "r+", label="points")
+    axes.set_xlim(left, right)
+    axes.set_ylim(below, above)
+    axes.set_xlabel(shown.range_label, fontsize=9)
+    axes.set_ylabel(shown.azimuth_label, fontsize=9)
+    axes.tick_params(labelsize=8)
+    axes.set_title("seen from above", fontsize=9)
+
+
+def plan_width(grid: ImageGrid) -> float:
+    """Width of the plan, m."""
+    ground = ground_grid(grid)
+    return ground.range_spacing * ground.range.size
+
 
 # function that draws a picture on demand
 Drawing = Callable[[], Figure]

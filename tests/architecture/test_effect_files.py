@@ -1,4 +1,4 @@
-"""An effect that the kernel obeys is known to one module of the kernel; docs/extending.md lists it, and the exceptions.
+"""An effect that the kernel obeys is known to one module of the kernel, but for a few that are the loop itself.
 
 ``python tests/architecture/test_effect_files.py`` prints the number of files that read each flag.
 """
@@ -36,15 +36,6 @@ def readers(flag: str) -> list[str]:
 def in_kernel(flag: str) -> list[str]:
     """Those of the trace kernel, relative to its folder."""
     return [name.removeprefix("tracing/") for name in readers(flag) if name.startswith("tracing/")]
-
-
-def test_the_table_of_kernel_flags_is_what_the_source_says() -> None:
-    page = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| `(\w+)` \| ([^|]*)\| [^|]+ \|$", page, re.MULTILINE)
-    listed = {
-        flag: sorted(re.findall(r"`([^`]+)`", files)) for flag, files in rows if not flag.startswith("at_")
-    }
-    assert listed == {flag: sorted(in_kernel(flag)) for flag in kernel_flags()}
 
 
 def test_an_effect_is_known_to_one_module_of_the_kernel() -> None:

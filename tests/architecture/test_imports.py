@@ -32,23 +32,33 @@ FLOOR = {room: i for i, rooms in enumerate(FLOORS) for room in rooms}
 # folders that import nothing else of the room they are in
 APART = (
     "sarmitsuba.analysis.polarimetry",
-    "sarmitsuba.analysis.quality",
     "sarmitsuba.tracing.kernel.tubes",
     "sarmitsuba.truth.theory",
 )
 THEORY = "sarmitsuba.truth.theory"
 # closed forms share no code with what they check
-THEORY_MAY = {"sarmitsuba.core.arrays", "sarmitsuba.core.constants", "sarmitsuba.core.units"}
+THEORY_MAY = {f"sarmitsuba.core.{name}" for name in ("arrays", "constants", "units")}
 # rooms that may take them; tests, benchmarks and pages may too
 THEORY_USERS = {"truth"}
 
 # rooms that work on data from elsewhere too, and so need neither Mitsuba nor, but for focusing's kernel, Dr.Jit
 DATA = {"effects", "files", "radar", "scene", "signal", "view"}
 DATA_FOLDERS = (
-    "sarmitsuba.analysis.interferometry",
-    "sarmitsuba.analysis.link",
-    "sarmitsuba.analysis.polarimetry",
-    "sarmitsuba.analysis.quality",
+    *(
+        f"sarmitsuba.analysis.{name}"
+        for name in (
+            *(
+                "account",
+                "baseline",
+                "carrier",
+                "error_budget",
+                "image_quality",
+                "interferometry",
+                "link_budget",
+            ),
+            *("point_quality", "polarimetry", "pulse_timing"),
+        )
+    ),
     "sarmitsuba.truth.theory",
 )
 # who may go through the door to Mitsuba and Dr.Jit

@@ -1,6 +1,7 @@
 """A release has one version, and says what changed under it."""
 
 import re
+import tarfile
 from importlib import metadata
 from pathlib import Path
 
@@ -10,7 +11,15 @@ from packaging.version import Version
 
 from sarmitsuba.files.table_file import read_table
 from sarmitsuba.version import __version__
-from tools.release import ReleaseError, cut_changelog, cut_citation, lock_of, python_blocks, version_of
+from tools.release import (
+    ReleaseError,
+    cut_changelog,
+    cut_citation,
+    lock_of,
+    pack_site,
+    python_blocks,
+    version_of,
+)
 
 ROOT = Path(__file__).parents[2]
 CHANGES = (
@@ -53,6 +62,16 @@ def test_the_citation_has_version_and_day() -> None:
     assert cut_citation(text, "1.3.0", "2027-01-01").count("date-released") == 1
     with pytest.raises(ReleaseError, match="no line version"):
         cut_citation("a: b\n", "1.2.0", "2026-03-04")
+
+
+def test_the_site_is_packed(tmp_path: Path) -> None:
+    site = tmp_path / "site"
+    site.mkdir()
+    with pytest.raises(ReleaseError, match="holds no site"):
+        pack_site(site, tmp_path, "1.2.0")
+    (site / "index.html").write_text("<p>", encoding="utf-8")
+    with tarfile.open(pack_site(site, tmp_path, "1.2.0")) as archive:
+        assert "sarmitsuba-1.2.0-site/index.html" in archive.getnames()
 
 
 def requirements() -> list[Requirement]:

@@ -17,7 +17,7 @@ from sarmitsuba.radar.waveform import Waveform
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from sarmitsuba.simulation.planning.prediction.needs import Needs
 

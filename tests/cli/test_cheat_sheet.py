@@ -9,10 +9,11 @@ import pytest
 from sarmitsuba import cli
 from sarmitsuba.loading.load import load_scene
 
-PAGE = Path(__file__).parents[2] / "docs" / "cheat_sheet.md"
+PAGE = Path(__file__).parents[2] / "docs" / "quickstart.md"
+SHEET = PAGE.read_text(encoding="utf-8").partition("\n## Cheat sheet\n")[2].partition("\n## ")[0]
 COMMANDS = [
     command
-    for row in re.findall(r"^\| [^|]+ \| (.+) \|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    for row in re.findall(r"^\| [^|]+ \| (.+) \|$", SHEET, re.MULTILINE)
     for command in re.findall(r"`([a-z]+(?: [^`]+)?)`", row)
     if "/" not in command.split()[0]
 ]

@@ -205,7 +205,7 @@ class FakeTorch(ModuleType):
 
 
 def test_the_ten_lines_of_the_page_read_it(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    page = (Path(__file__).parents[2] / "docs" / "datasets.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "labels.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"```python\n(import h5py.*?)```", page, re.DOTALL)
     monkeypatch.setitem(sys.modules, "torch", FakeTorch("torch"))
     names: dict[str, Any] = {}

@@ -17,7 +17,7 @@ from sarmitsuba.files import FORMATS, FileFormat, read_image, read_raw
 from sarmitsuba.machine.journal import Journal
 from sarmitsuba.machine.output import MANIFEST
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.raw.raw_data import RawData
 
 

@@ -1,4 +1,4 @@
-"""The commands of the README and of the page on the command line, run from top to bottom."""
+"""The commands of the README and of the page on running, run from top to bottom."""
 
 import json
 import os
@@ -23,7 +23,7 @@ CITY = """<scene version="3.0.0">
 </scene>"""
 
 
-PAGES = ("README.md", "docs/commands.md")
+PAGES = ("README.md", "docs/running.md")
 
 
 def commands(page: str) -> list[str]:
@@ -82,14 +82,14 @@ def test_readme_is_short() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 90
     eleven = [line for line in commands("README.md") if not line.endswith("doctor")]
     assert len(eleven) == 11
-    assert {line.split()[3] for line in eleven} <= {line.split()[3] for line in commands("docs/commands.md")}
+    assert {line.split()[3] for line in eleven} <= {line.split()[3] for line in commands("docs/running.md")}
 
 
 def test_quick_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The commands that take seconds, in this process: starting one takes longer."""
     own_files(tmp_path)
     monkeypatch.chdir(tmp_path)
-    quick = [line.removeprefix("python -m sarmitsuba ") for line in commands("docs/commands.md")]
+    quick = [line.removeprefix("python -m sarmitsuba ") for line in commands("docs/running.md")]
     quick = [line for line in quick if line.startswith(QUICK)]
     assert len(quick) >= 4
     for line in quick:

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.apps.studio.bench import BenchState, command, first_state, save, scene_xml, surfaces, view_of
-from sarmitsuba.apps.studio.scene_3d import beam_at, bodies, image_plane, track_shown
+from sarmitsuba.apps.studio_bench import BenchState, command, first_state, save, scene_xml, surfaces, view_of
+from sarmitsuba.apps.studio_scene import beam_at, bodies, image_plane, track_shown
 from sarmitsuba.cli import main
 from sarmitsuba.core.errors import SarmitsubaError, SceneError
 from sarmitsuba.files import read_image
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 from tests.support.draws import few_of
 
 
@@ -81,7 +81,7 @@ GROUND = """<scene version="3.0.0"><bsdf type="radar_material" id="yard"><string
 def test_a_scene_on_ground_without_end_is_simulated(tmp_path: Path) -> None:
     """It has an image and no cross section, for which the whole scene was refused."""
     pytest.importorskip("viser", reason="the page of the bench; in the studio extra")
-    from sarmitsuba.apps.studio.server import rcs_text
+    from sarmitsuba.apps.studio import rcs_text
 
     (tmp_path / "yard.xml").write_text(GROUND)
     state = dataclasses.replace(first_state(str(tmp_path / "yard.xml")), size=2.0)
@@ -181,7 +181,7 @@ def test_image_lies_where_its_pixels_are(left: bool) -> None:
 
 def test_page_is_served_here_only_and_its_sliders_simulate(tmp_path: Path) -> None:
     pytest.importorskip("viser", reason="the page of the bench; in the studio extra")
-    from sarmitsuba.apps.studio.server import Studio
+    from sarmitsuba.apps.studio import Studio
 
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -217,7 +217,7 @@ def test_page_is_served_here_only_and_its_sliders_simulate(tmp_path: Path) -> No
 def test_an_image_out_of_date_is_pale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """While the next one is simulated, and after a state that cannot be; with the same content."""
     pytest.importorskip("viser")
-    from sarmitsuba.apps.studio import server
+    from sarmitsuba.apps import studio as server
 
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -279,7 +279,7 @@ def assert_guarded(address: str) -> None:
 
 def test_the_page_is_for_this_machine_alone(tmp_path: Path) -> None:
     pytest.importorskip("viser")
-    from sarmitsuba.apps.studio.server import Studio
+    from sarmitsuba.apps.studio import Studio
 
     with pytest.raises(SarmitsubaError, match="can be reached by other machines"):
         Studio("plate", tmp_path, host="0.0.0.0")
@@ -294,7 +294,7 @@ def test_a_slider_shows_what_a_moved_wall_changes(tmp_path: Path) -> None:
     """First order at once, on the page; simulated when asked; a parameter that is refused is one line."""
     pytest.importorskip("viser")
     from sarmitsuba.apps.fit.changed_view import DIFFERENCE, IMAGE, PHASE
-    from sarmitsuba.apps.studio.server import Studio
+    from sarmitsuba.apps.studio import Studio
 
     (tmp_path / "yard.xml").write_text(
         GROUND.replace('<shape type="cube">', '<shape type="cube" id="house">')
@@ -351,8 +351,9 @@ def test_a_slider_shows_what_a_moved_wall_changes(tmp_path: Path) -> None:
 def test_a_derivative_gives_way_to_a_newer_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A slider that moves meanwhile ends it; it is computed again for the new state."""
     pytest.importorskip("viser")
+    from sarmitsuba.apps import studio as derivative_tab
+    from sarmitsuba.apps import studio as server
     from sarmitsuba.apps.fit.image_derivative import image_derivative
-    from sarmitsuba.apps.studio import derivative_tab, server
 
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))

@@ -11,7 +11,7 @@ from sarmitsuba.signal.focusing.aperture_weights import direction_gain, look_dir
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject, backproject_numpy
 from sarmitsuba.signal.focusing.grid import default_grid
 from sarmitsuba.signal.focusing.ideal import ideal_radar
-from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
 
 

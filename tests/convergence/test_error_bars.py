@@ -7,8 +7,8 @@ import pytest
 
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.signal.focusing import default_grid
-from sarmitsuba.signal.image.metrics import image_error_db
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
+from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.simulation.execution.raw import echoes
 from sarmitsuba.simulation.execution.refinement.error_bars import PASSES, estimate_error
 from sarmitsuba.simulation.execution.run import Run

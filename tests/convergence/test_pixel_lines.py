@@ -13,11 +13,11 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject, backproject_numpy
 from sarmitsuba.signal.focusing.grid import default_grid
 from sarmitsuba.signal.focusing.ideal import ideal_radar
-from sarmitsuba.signal.focusing.pixel_lines import LONGEST_LINE, nodes_needed, plan_line
+from sarmitsuba.signal.focusing.pixel_tiles import LONGEST_LINE, nodes_needed, plan_line
 from sarmitsuba.signal.focusing.profiles import plan_profiles
 from sarmitsuba.signal.focusing.windows import parse_window
-from sarmitsuba.signal.image.metrics import image_error_db
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
+from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
 
 

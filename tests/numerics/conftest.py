@@ -1,4 +1,4 @@
-"""The table of hard cases: what every test of this folder measures, docs/numerics.md shows."""
+"""The table of hard cases: what every test of this folder measures, and `benchmarks/studies/numerics.py` prints."""
 
 from collections.abc import Callable
 from pathlib import Path

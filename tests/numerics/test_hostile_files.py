@@ -17,7 +17,7 @@ from sarmitsuba.loading.load import load_scene
 from sarmitsuba.machine import exclusive
 from sarmitsuba.machine.isolated import survive
 from sarmitsuba.machine.kernel_cache import CACHE_VARIABLE, prepare_kernel_cache
-from sarmitsuba.radar.ephemeris import StateVectors
+from sarmitsuba.radar.orbit import StateVectors
 from sarmitsuba.signal.raw.raw_data import Layer
 from sarmitsuba.simulation.execution.refinement.running_mean import Passes, PassLayout
 from tests.support.draws import few_of

@@ -13,7 +13,7 @@ from sarmitsuba.machine.backend import mi
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.raw.raw_data import RawData
 from sarmitsuba.tracing.kernel.accumulators import phase_factor
 from sarmitsuba.tracing.kernel.launch import frame_towards, lattice

@@ -10,8 +10,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from sarmitsuba.core.arrays import all_finite
 from sarmitsuba.core.errors import DataError, RadarError, SceneError
-from sarmitsuba.core.finite import all_finite
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.execution.path_table import trace_paths

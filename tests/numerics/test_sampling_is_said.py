@@ -10,7 +10,7 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba.core.errors import RadarError, SarmitsubaWarning
-from sarmitsuba.signal.image.metrics import point_target_in
+from sarmitsuba.signal.metrics import point_target_in
 from sarmitsuba.simulation.execution.raw import _check_energy
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
 from sarmitsuba.simulation.planning.sampling import small_parts

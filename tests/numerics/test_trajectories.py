@@ -10,7 +10,7 @@ import pytest
 import sarmitsuba
 from sarmitsuba.core.errors import DataError, RadarError
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.image.metrics import point_target_in
+from sarmitsuba.signal.metrics import point_target_in
 from tests.support.unweighted import focus
 
 SCENE = """<scene version="3.0.0">

@@ -16,8 +16,8 @@ from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.focusing.windows import parse_window
-from sarmitsuba.signal.image.metrics import coherence
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
+from sarmitsuba.signal.metrics import coherence
 from sarmitsuba.signal.raw.raw_data import RawData
 from sarmitsuba.view.page.quantised_profiles import page_center, page_grid, page_profiles
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.cli import main
-from sarmitsuba.view.page.rcs_payload import PAGE
+from sarmitsuba.view.page.payload import PAGE
 from sarmitsuba.view.page.run_folder import read_run
 from sarmitsuba.view.page.write import write_page
 

@@ -16,11 +16,11 @@ import sarmitsuba.view.page
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.pattern import PATTERNS, Pattern
 from sarmitsuba.signal.focusing.windows import parse_window
-from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw.raw_data import Layer
-from sarmitsuba.view.page.localise import on_plane
+from sarmitsuba.view.page.paths import on_plane
+from sarmitsuba.view.page.payload import side_lobes
 from sarmitsuba.view.page.quantised_profiles import page_grid, sample_beam
-from sarmitsuba.view.page.side_lobes import side_lobes
 from sarmitsuba.view.page.write import Packer
 
 WEB = Path(sarmitsuba.view.page.__file__).parent / "web"

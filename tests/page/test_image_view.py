@@ -9,9 +9,8 @@ import pytest
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.signal.image.metrics import coherence
-from sarmitsuba.signal.image.sar_image import ImageGrid
-from sarmitsuba.signal.image.shown_axes import ShownAxes
+from sarmitsuba.signal.image import ImageGrid, ShownAxes
+from sarmitsuba.signal.metrics import coherence
 from sarmitsuba.view.page.quantised_profiles import page_grid, page_profiles
 
 SHOW = """

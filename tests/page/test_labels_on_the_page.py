@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.signal.image.labels import LabelLayer, Labels
-from sarmitsuba.signal.image.sar_image import ImageGrid
-from sarmitsuba.view.page.labelled_pixels import MOST_NAMES, labels_payload
+from sarmitsuba.signal.image import ImageGrid
+from sarmitsuba.signal.pixel_labels import LabelLayer, Labels
+from sarmitsuba.view.page.payload import MOST_NAMES, labels_payload
 
 Node = Callable[..., Any]
 

@@ -17,8 +17,7 @@ from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.simulation.execution.path_table import trace_paths
 from sarmitsuba.view.page.gltf import GRID, drawn, page_mesh
-from sarmitsuba.view.page.localise import on_plane
-from sarmitsuba.view.page.paths import ORDERS, page_paths, pixels_of
+from sarmitsuba.view.page.paths import ORDERS, on_plane, page_paths, pixels_of
 from sarmitsuba.view.page.write import Packer, write_page
 
 

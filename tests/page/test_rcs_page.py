@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.cli import main
-from sarmitsuba.view.page.rcs_payload import PAGE
+from sarmitsuba.view.page.payload import PAGE
 from sarmitsuba.view.page.write import write_page
 
 SWEEP = ("--frequency", "2e9", "--azimuth", "150:210:4", "--pol", "HH,HV")

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.analysis.quality.account import Account, Change, StageTime, account
+from sarmitsuba.analysis.account import Account, Change, StageTime, account
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.focusing.alternatives import alternatives
-from sarmitsuba.signal.image.metrics import image_error_db
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.focusing.comparison import alternatives
+from sarmitsuba.signal.image import SarImage
+from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.simulation.execution.refinement.error_bars import with_error_bars
 from sarmitsuba.simulation.execution.render import simulate
 from tests.support.unweighted import focus

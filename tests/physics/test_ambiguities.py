@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.analysis.link.ambiguity import azimuth_ambiguity_ratio
+from sarmitsuba.analysis.pulse_timing import azimuth_ambiguity_ratio
 from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription

@@ -13,7 +13,7 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.height_error import NOTED_DB, WARNED_DB
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.image.metrics import point_target_in
+from sarmitsuba.signal.metrics import point_target_in
 from sarmitsuba.simulation.execution.render import simulate
 from tests.support.draws import few_of
 from tests.support.unweighted import focus

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sarmitsuba.analysis.quality import KnownPoint, image_quality
+from sarmitsuba.analysis.image_quality import image_quality
+from sarmitsuba.analysis.point_quality import KnownPoint
 from sarmitsuba.core.errors import RadarError
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.materials.material import Material

@@ -14,7 +14,7 @@ from sarmitsuba.radar.polarisation import COMPACT, LINEAR, isotropic_response
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from sarmitsuba.simulation.execution.path_table import trace_paths
 from sarmitsuba.simulation.execution.rcs import monostatic_rcs
 from sarmitsuba.simulation.execution.render import simulate

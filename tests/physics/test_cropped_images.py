@@ -13,13 +13,13 @@ from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
-from sarmitsuba.scene.materials.vegetation.medium import water_cloud
+from sarmitsuba.scene.materials.vegetation.canopy import water_cloud
 from sarmitsuba.scene.mesh import tessellate
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.scene.wires import WireTarget
 from sarmitsuba.signal.focusing.ideal import ideal_echoes
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.simulation.planning.sampling.folding import check_folding
 from sarmitsuba.simulation.planning.sampling.launch_window import launch_windows

@@ -14,13 +14,12 @@ from sarmitsuba.loading.build import MaterialLike, SceneMesh, build_scene
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.scene.endless_ground import level_rim, with_endless_ground
-from sarmitsuba.scene.ground_outline import outline
+from sarmitsuba.scene.ground import level_rim, outline, with_endless_ground
 from sarmitsuba.scene.mesh.tessellate import cube
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import Method, Switch, TraceSettings
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from sarmitsuba.simulation.execution.far_field import Aspects
 from sarmitsuba.simulation.execution.render import render
 from sarmitsuba.simulation.execution.turntable import rcs_sweep

@@ -19,8 +19,8 @@ from sarmitsuba.signal.focusing.grid import default_grid
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.focusing.windows import parse_window
 from sarmitsuba.signal.focusing.witness import sum_exactly
-from sarmitsuba.signal.image.metrics import image_error_db
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
+from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from tests.support.draws import few_of
 from tests.support.geometries import random_geometry

@@ -19,8 +19,8 @@ from sarmitsuba.signal.focusing.frequency_domain.track_geometry import range_wal
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.focusing.profiles import plan_spectrum
 from sarmitsuba.signal.focusing.windows import parse_window
-from sarmitsuba.signal.image.metrics import PointTargetMetrics, image_error_db, point_target
-from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.image import ImageGrid, SarImage
+from sarmitsuba.signal.metrics import PointTargetMetrics, image_error_db, point_target
 from sarmitsuba.signal.raw.raw_data import RawData
 from tests.support.draws import few_of
 from tests.support.geometries import random_geometry

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.analysis.interferometry import interferogram, second_pass
+from sarmitsuba.analysis.baseline import second_pass
+from sarmitsuba.analysis.interferometry import interferogram
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation.interferometric_pairs import ROUGH, WAVELENGTH, RadarSetting
 from tests.support.unweighted import render

@@ -25,8 +25,8 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.image.labels import Labels
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
+from sarmitsuba.signal.pixel_labels import Labels
 from tests.support.draws import few_of
 from tests.support.label_truth import UprightBox, expected_masks, sampled
 

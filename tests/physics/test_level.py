@@ -11,11 +11,11 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import Method, TraceSettings
 from sarmitsuba.signal.focusing import default_grid
-from sarmitsuba.signal.focusing.beam_edge import beam_edge_warning
+from sarmitsuba.signal.focusing.focus import beam_edge_warning
 from sarmitsuba.signal.focusing.ideal import ideal_echoes
 from sarmitsuba.signal.focusing.windows import parse_window
-from sarmitsuba.signal.image.metrics import image_error_db
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
+from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.simulation.execution.image import Imager
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.simulation.execution.run import Run

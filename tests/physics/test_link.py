@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.analysis.link import LinkBudget, link_budget
+from sarmitsuba.analysis.link_budget import LinkBudget, link_budget
 from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription

@@ -9,7 +9,7 @@ from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import default_grid
-from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.simulation.execution.image import Imager
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.simulation.execution.run import Run

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from sarmitsuba.analysis.quality import KnownPoint, image_quality
+from sarmitsuba.analysis.image_quality import image_quality
+from sarmitsuba.analysis.point_quality import KnownPoint
 from sarmitsuba.core.errors import DataError, RadarError
 from sarmitsuba.files import read_raw
 from sarmitsuba.loading.build import SceneMesh, build_scene

@@ -18,7 +18,7 @@ from sarmitsuba.scene.mesh.tessellate import cube
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import Switch, TraceSettings
-from sarmitsuba.signal.image.metrics import point_target_in
+from sarmitsuba.signal.metrics import point_target_in
 from sarmitsuba.simulation.execution.image import Imager
 from sarmitsuba.simulation.execution.path_table import PathTracer
 from sarmitsuba.simulation.execution.raw import echoes

@@ -12,7 +12,7 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.orbit import OrbitRequest, circular_orbit
 from sarmitsuba.scene.geometry import PointTarget
-from sarmitsuba.signal.image.metrics import point_target_in
+from sarmitsuba.signal.metrics import point_target_in
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth import theory
 from tests.support.draws import few_of

@@ -12,8 +12,8 @@ from sarmitsuba.core.errors import RadarError
 from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.scene.endless_ground import with_endless_ground
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.scene.ground import with_endless_ground
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.execution.path_table import KINDS, PathTable, trace_paths

@@ -16,8 +16,8 @@ from sarmitsuba.signal.focusing.focusers.omega_k import omega_k
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.focusing.profiles import band_weights
 from sarmitsuba.signal.focusing.windows import parse_window
-from sarmitsuba.signal.image.metrics import image_error_db, point_target_in
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
+from sarmitsuba.signal.metrics import image_error_db, point_target_in
 from sarmitsuba.signal.raw.chirp import to_chirped
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from tests.support.draws import few_of

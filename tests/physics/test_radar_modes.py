@@ -6,7 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from sarmitsuba.analysis.quality import KnownPoint, image_quality
+from sarmitsuba.analysis.image_quality import image_quality
+from sarmitsuba.analysis.point_quality import KnownPoint
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import FilmDescription, RadarDescription
@@ -14,7 +15,7 @@ from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.mesh.tessellate import cube
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import default_grid
-from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.signal.raw.raw_data import RawData
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth import theory

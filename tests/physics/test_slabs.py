@@ -15,7 +15,7 @@ from sarmitsuba.machine.backend import dr, ensure_backend, mi
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.materials.slab import slab_coefficients
-from sarmitsuba.signal.image.metrics import point_target_in
+from sarmitsuba.signal.metrics import point_target_in
 from sarmitsuba.simulation.execution import tracing
 from sarmitsuba.simulation.execution.rcs import monostatic_rcs
 from sarmitsuba.simulation.planning.sources.site import Site
@@ -207,7 +207,7 @@ def test_two_crossed_panes_turn_the_polarisation_in_their_order() -> None:
 
 
 def test_a_path_goes_through_six_panes() -> None:
-    """What stands behind a seventh is not seen; see `docs/glass.md`."""
+    """What stands behind a seventh is not seen; see `docs/materials.md`."""
     thin = replace(PANE, permittivity=1.5 + 0.0j)
     materials = (*targets.PEC, thin)
     levels = [

@@ -7,8 +7,8 @@ import pytest
 
 from sarmitsuba.core.arrays import C128, F64
 from sarmitsuba.loading.load import load_scene
-from sarmitsuba.signal.image.metrics import point_target_in
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
+from sarmitsuba.signal.metrics import point_target_in
 from sarmitsuba.simulation.execution.path_table import trace_paths
 from sarmitsuba.simulation.execution.render import simulate
 from tests.support.unweighted import focus

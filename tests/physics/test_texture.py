@@ -14,7 +14,7 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.materials.material import ClassMap, Material, SurfaceMaps
 from sarmitsuba.scene.materials.texture import Bitmap, in_plan, on_mesh
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from tests.support.unweighted import render
 
 pytestmark = pytest.mark.filterwarnings(

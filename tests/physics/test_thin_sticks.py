@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.core.units import db_from_power
-from sarmitsuba.scene.materials.vegetation.permittivity import plant_permittivity
+from sarmitsuba.scene.materials.vegetation.canopy import plant_permittivity
 from sarmitsuba.scene.materials.vegetation.plant_pieces import OverGround, Stick
 from sarmitsuba.truth import theory
 from tests.support.draws import few_of
@@ -89,7 +89,7 @@ def test_levels_do_not_jump_with_thickness_and_length(size: float, way: float) -
 
 def test_needles_without_loss_take_what_they_scatter() -> None:
     """The optical theorem: extinction against the power over all directions, by the response between directions."""
-    from sarmitsuba.scene.materials.vegetation.thin_cylinder import thin_rod
+    from sarmitsuba.scene.materials.vegetation.plant_pieces import thin_rod
 
     wavelength, eps, radius, length = 0.05, 12.0 + 0.0j, 4e-4, 0.03
     k, volume = 2.0 * np.pi / wavelength, np.pi * radius**2 * length

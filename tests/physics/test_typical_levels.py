@@ -25,7 +25,7 @@ YARD = """<scene version="3.0.0">
   <shape type="cylinder"><point name="p0" x="0" y="9" z="0"/><point name="p1" x="0" y="9" z="6"/>
     <float name="radius" value="1.5"/><ref id="silo"/></shape>
 </scene>"""
-# dB, of the mean of the outer half of the image, around the level of the table of docs/clutter.md at 40 degrees
+# dB, of the mean of the outer half of the image, around the level of the table of docs/materials.md at 40 degrees
 EXPECTED = {"asphalt": -24.2, "gravel": -16.2, "soil": -13.2, "grass": -12.2, "Rasen": -12.2}
 
 

@@ -9,11 +9,11 @@ from sarmitsuba import FilmDescription, RadarDescription, Scene, SceneMesh, Scen
 from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.machine.backend import ensure_backend, mi
-from sarmitsuba.scene.materials.vegetation.medium import water_cloud
+from sarmitsuba.scene.materials.vegetation.canopy import water_cloud
 from sarmitsuba.scene.mesh import tessellate
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.scene.volumes import Volume
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.planning.sources.kind import passages_of, sources_of

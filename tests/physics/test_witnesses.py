@@ -12,7 +12,7 @@ from sarmitsuba.core.arrays import C64
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.signal.raw.raw_data import RawData
 from sarmitsuba.simulation.execution import witnesses
 from sarmitsuba.simulation.execution.ray_witness import halved_plan

@@ -10,7 +10,7 @@ import pytest
 
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.signal.focusing import default_grid
-from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.simulation.execution.blocks import partition
 from sarmitsuba.simulation.execution.render import simulate
 from tests.support.unweighted import focus

@@ -17,8 +17,8 @@ from sarmitsuba.signal.focusing import FOCUSERS, default_grid
 from sarmitsuba.signal.focusing.focuser import check_focuser, parse_focuser
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject
 from sarmitsuba.signal.focusing.ideal import ideal_echoes
-from sarmitsuba.signal.image.metrics import image_error_db
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
+from sarmitsuba.signal.metrics import image_error_db
 from tests.support.unweighted import focus
 
 # factorised backprojection with its wanted error takes no pixels with apertures of their own, which are many here

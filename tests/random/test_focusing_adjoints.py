@@ -7,25 +7,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sarmitsuba.core.arrays import C64
+from sarmitsuba.core.arrays import C64, LinearMap
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.core.linear_map import LinearMap
 from sarmitsuba.core.progress import silent
 from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.radar.in_pulse import moving_in_pulse
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.receiver import moving_in_pulse
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.signal.focusing import FOCUSERS, default_grid, focus
 from sarmitsuba.signal.focusing.focuser import FocusTask, parse_focuser
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject_numpy
 from sarmitsuba.signal.focusing.operator import FocusingOperator, focusing_operator
-from sarmitsuba.signal.focusing.pixel_lines import plan_line
+from sarmitsuba.signal.focusing.pixel_tiles import plan_line
 from sarmitsuba.signal.focusing.profiles import plan_profiles
 from sarmitsuba.signal.focusing.windows import parse_window
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.raw.chirp import n_fast_chirped
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
 

@@ -8,7 +8,7 @@ import pytest
 
 from sarmitsuba.signal.focusing import FOCUSERS
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject, backproject_numpy
-from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.metrics import image_error_db
 from tests.support.unweighted import focus
 
 # forms that are quick to run; slow tests take all

@@ -13,8 +13,7 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import focus
-from sarmitsuba.signal.focusing.aperture_weights import ground_cell_area, matched_weights
-from sarmitsuba.signal.focusing.narrow_beam import beam_over_cell
+from sarmitsuba.signal.focusing.aperture_weights import beam_over_cell, ground_cell_area, matched_weights
 from sarmitsuba.simulation.execution.render import simulate
 
 FREQUENCY = 9.65e9

@@ -12,7 +12,7 @@ from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.signal.focusing import default_grid
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 
 CELLS = 72  # edge of the image, resolution cells
 

@@ -3,7 +3,7 @@
 from functools import partial
 
 import sarmitsuba
-from sarmitsuba.signal.focusing.focuser_comparison import compare_focusers as compare
+from sarmitsuba.signal.focusing.comparison import compare_focusers as compare
 
 focus = partial(sarmitsuba.focus, range_window="rectangular", azimuth_window="rectangular")
 render = partial(sarmitsuba.render, range_window="rectangular", azimuth_window="rectangular")

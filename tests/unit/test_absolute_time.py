@@ -14,8 +14,8 @@ from sarmitsuba.files import read_image, read_raw, write_image, write_raw
 from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.collection import Collection
 from sarmitsuba.radar.description import RadarDescription
-from sarmitsuba.radar.ephemeris import StateVectors
 from sarmitsuba.radar.film import FilmDescription
+from sarmitsuba.radar.orbit import StateVectors
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.utc import DEFAULT_EPOCH, utc_of, utc_text
 from sarmitsuba.scene.geometry import PointTarget

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from sarmitsuba import PointTarget, RadarDescription, SceneMesh, build_scene
-from sarmitsuba.radar.extent import Extent
+from sarmitsuba.radar.image_request import Extent
 from sarmitsuba.scene.geometry import Geometry
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from sarmitsuba.analysis.link.ambiguity import azimuth_ambiguity_ratio, range_ambiguity_ratio
+from sarmitsuba.analysis.pulse_timing import azimuth_ambiguity_ratio, range_ambiguity_ratio
 from sarmitsuba.truth import theory
 
 LAM, V = 0.031, 150.0

@@ -15,7 +15,7 @@ from sarmitsuba.signal.focusing import apply_autofocus_records, default_grid
 from sarmitsuba.signal.focusing.autofocus import AutofocusTask, parse_autofocus
 from sarmitsuba.signal.focusing.focuser import parse_focuser
 from sarmitsuba.signal.focusing.windows import parse_window
-from sarmitsuba.signal.image.calibration import calibrate
+from sarmitsuba.signal.image import calibrate
 from sarmitsuba.view.display import PictureOptions, prepare
 from tests.support.draws import few_of
 from tests.support.unweighted import focus

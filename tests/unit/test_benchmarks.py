@@ -94,79 +94,36 @@ def test_folders_hold_what_they_say() -> None:
     assert not wrong, "\n".join(sorted(set(wrong)))
 
 
-def test_the_page_lists_every_script_and_shows_or_names_every_benchmark(
+def test_the_page_has_what_was_measured_and_lists_every_script(
     runner: ModuleType, benchmark_script: Callable[[str], ModuleType], tmp_path: Path
 ) -> None:
-    page = tmp_path / "benchmarks.md"
-    before = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
-    page.write_text(before, encoding="utf-8")
-    runner.collect(None, page)
-    assert page.read_text(encoding="utf-8") == before, "run: python benchmarks/run_all.py --list"
+    page, out = tmp_path / "benchmarks.md", tmp_path / "out"
+    out.mkdir()
+    (out / "kill.md").write_text("## Killed runs\n\n![k](kill_time.png)\n", encoding="utf-8")
+    (out / "kill_time.png").write_bytes(b"picture")
+    (out / "error_time.md").write_text("## Error against seconds\n", encoding="utf-8")
+    (out / "deleted.md").write_text("## A benchmark that is gone\n", encoding="utf-8")
+    runner.collect(out, page)
+    text = page.read_text(encoding="utf-8")
+    assert re.findall(r"^## (.*)$", text, re.MULTILINE) == [
+        *("Error against seconds", "Killed runs"),  # what accuracy costs comes first
+        *("All benchmarks", "Studies", "What the scripts share"),
+    ]
+    assert (tmp_path / "images" / "benchmarks" / "kill_time.png").read_bytes() == b"picture"
+    assert "![k](images/benchmarks/kill_time.png)" in text
     listing = benchmark_script("listing")
     for folder in ("suite", "studies", "support"):
         sentences = listing.scripts(folder)
         assert set(sentences) == {path.stem for path in scripts(folder)}
-        for name, text in sentences.items():
-            assert text.endswith(".") and f"| `{name}` | {text} |" in before, name
+        for name, sentence in sentences.items():
+            assert sentence.endswith(".") and f"| `{name}` | {sentence} |" in text, name
     for name in benchmark_script("harness").BENCHMARKS.names:
-        (row,) = re.findall(rf"^\| `{name}` \| .* \| (.*) \|$", before, re.MULTILINE)
-        shown = re.search(r"^\[(.+?)\]\(#", row)
-        assert bool(shown) == (f"<!-- benchmark: {name} -->\n" in before)
-        assert (f"\n## {shown[1]}\n" in before) if shown else row.startswith(listing.NOT_YET), name
-
-
-def test_sections_that_were_not_run_stay_on_the_page(runner: ModuleType, tmp_path: Path) -> None:
-    page, out = tmp_path / "benchmarks.md", tmp_path / "out"
-    before = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
-    page.write_text(before, encoding="utf-8")
-    out.mkdir()
-    runner.collect(out, page)
-    assert page.read_text(encoding="utf-8") == before
-    (out / "methods.md").write_text("## Methods\n\nnew\n", encoding="utf-8")
-    (out / "kill.md").write_text("## Killed runs\n\nmeasured now\n", encoding="utf-8")
-    runner.collect(out, page)
-    after = page.read_text(encoding="utf-8")
-    older = f"{runner.OLDER}\n\n"  # sections that do not say their kernels say in their first line that they are old
-    assert f"## Methods\n\n{older}new\n" in after and after.count("## Methods\n") == 1
-    assert f"## Killed runs\n\n{older}measured now\n" in after and "| [Killed runs](#killed-runs) |" in after
-
-    def sections(text: str) -> list[str]:
-        return re.findall(r"^<!-- benchmark: (\w+) -->$", text, re.MULTILINE)
-
-    assert sections(after) == list(dict.fromkeys([*sections(before), "kill"]))
-    # a page that is made from nothing names the machine
-    page.unlink()
-    runner.collect(out, page)
-    assert "| cores |" in page.read_text(encoding="utf-8")
-
-
-def test_the_hash_of_sources_counts_code_and_not_words(benchmark_script: Callable[[str], ModuleType]) -> None:
-    sources = benchmark_script("kernel_sources")
-    code = (
-        'class A:\n    """Words."""\n\n    # more words\n    def f(self):\n'
-        '        """Words,\n        two lines.\n        """\n        return "# no comment"\n'
-    )
-    plain = 'class A:\n    def f(self):\n        return "# no comment"'
-    assert sources.without_words(code) == plain
-    assert sources.without_words(plain + "  \n\n") == plain
-    assert sources.without_words(plain.replace("no", "another")) != plain
-
-
-def test_figures_hold_while_every_change_has_its_reason(
-    benchmark_script: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    sources, stored = benchmark_script("kernel_sources"), benchmark_script("stored")
-    monkeypatch.setattr(stored, "FOLDER", tmp_path)
-    now = "a" * 12
-    monkeypatch.setattr(sources, "current", lambda: now)
-    assert sources.holds(now) and not sources.holds("b" * 12)
-    sources.measured()
-    now = "b" * 12
-    assert not sources.holds("a" * 12)
-    sources.still_holds("only names changed")
-    assert sources.holds("a" * 12) and sources.holds("b" * 12)
-    now = "c" * 12
-    sources.measured()  # another benchmark is measured anew: that is no reason for the first
-    assert sources.holds("c" * 12) and not sources.holds("a" * 12)
-    sources.still_holds("the same bits")
-    assert sources.holds("a" * 12)
+        (row,) = re.findall(rf"^\| `{name}` \| .* \| (.*) \|$", text, re.MULTILINE)
+        run = {
+            "kill": "[Killed runs](#killed-runs)",
+            "error_time": "[Error against seconds](#error-against-seconds)",
+        }
+        assert row == run[name] if name in run else row.startswith(listing.NOT_YET), name
+    made = page.stat().st_mtime_ns
+    runner.collect(out, page)  # a page that is the same is not written, so that the site is not read again
+    assert page.stat().st_mtime_ns == made

@@ -144,8 +144,8 @@ def test_what_is_not_shared_is_said(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.slow
 def test_a_killed_worker_loses_nothing() -> None:
     """Two processes; at drawn moments one is killed with SIGKILL: same bits."""
-    from sarmitsuba.apps.cluster.dask_workers import open_workers as opened
-    from sarmitsuba.apps.cluster.focusing import SharedBackprojection
+    from sarmitsuba.apps.cluster import SharedBackprojection
+    from sarmitsuba.apps.cluster import open_workers as opened
 
     scene = scene_of("tower", {}, keep_subsets=True, key_pulse_interval=32)
     alone = simulate(scene)
@@ -224,7 +224,7 @@ class ByTiles:
 @pytest.mark.parametrize("kind", ["slant", "ground"])
 def test_tiles_of_workers_are_the_backprojection(kind: str) -> None:
     pytest.importorskip("distributed")
-    from sarmitsuba.apps.cluster.focusing import SharedBackprojection
+    from sarmitsuba.apps.cluster import SharedBackprojection
 
     few = {"azimuth_resolution": "2", "image_extent_azimuth": "40"}
     scene = scene_of("tower", few)
@@ -255,7 +255,7 @@ def test_a_stranger_is_refused_by_the_cluster_of_this_machine() -> None:
     from distributed import Client
     from distributed.security import Security
 
-    from sarmitsuba.apps.cluster.dask_workers import open_workers as started
+    from sarmitsuba.apps.cluster import open_workers as started
 
     with started(ClusterAddress.parse("local:1")) as workers:
         address = workers.client.scheduler.address

@@ -8,8 +8,7 @@ import pytest
 
 from sarmitsuba.truth.validation.cases import CASES
 from sarmitsuba.truth.validation.comparison import TOPICS, Case, Comparison, summarise
-from sarmitsuba.truth.validation.figures import plot_case
-from sarmitsuba.truth.validation.markdown_page import report, summary_lines
+from sarmitsuba.truth.validation.run_cases import plot_case, report, summary_lines
 
 
 def comparison(offset: float = 0.05, **changes: object) -> Comparison:

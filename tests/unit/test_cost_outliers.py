@@ -12,11 +12,9 @@ import pytest
 from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene
 from sarmitsuba.apps.cost import trials as trials_module
 from sarmitsuba.apps.cost.model import corrected
-from sarmitsuba.apps.cost.proof import ProofRun
-from sarmitsuba.apps.cost.report import Candidate, CostReport, beaten, recommend
+from sarmitsuba.apps.cost.report import Candidate, CostReport, ProofRun, beaten, recommend
 from sarmitsuba.apps.cost.study import study_cost
-from sarmitsuba.apps.cost.trial import Changes, Trial, TrialSetting
-from sarmitsuba.apps.cost.trials import Trials
+from sarmitsuba.apps.cost.trials import Changes, Trial, Trials, TrialSetting
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.focusing.focuser import parse_focuser

@@ -9,13 +9,10 @@ import pytest
 from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene
 from sarmitsuba.apps.cost.clock import MeasuredClock, WorkClock
 from sarmitsuba.apps.cost.model import CostModel, corrected
-from sarmitsuba.apps.cost.proof import ProofRun, Reference
-from sarmitsuba.apps.cost.report import Candidate, options_of, pareto, recommend
-from sarmitsuba.apps.cost.study import reference_depth, study_cost
+from sarmitsuba.apps.cost.report import Candidate, ProofRun, Reference, options_of, pareto, recommend
+from sarmitsuba.apps.cost.study import REFERENCES, field_of_proof, reference_depth, study_cost
 from sarmitsuba.apps.cost.sweeps import LEAST_DEPTH, SPACINGS, depths
-from sarmitsuba.apps.cost.swept_piece import REFERENCES, field_of_proof
-from sarmitsuba.apps.cost.trial import TrialSetting, mean_image, run_trial
-from sarmitsuba.apps.cost.trials import Trials, _part
+from sarmitsuba.apps.cost.trials import Trials, TrialSetting, _part, mean_image, run_trial
 from sarmitsuba.core.errors import OutputError
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan

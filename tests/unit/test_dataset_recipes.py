@@ -1,6 +1,7 @@
 """Recipes of data sets: distributions, one line for every bad file, sizes, tiles."""
 
 import itertools
+import re
 from pathlib import Path
 
 import numpy as np
@@ -165,9 +166,24 @@ def test_tiles_cover_the_image_and_overlap(tmp_path: Path, size: int, tile: int,
 
 
 def test_the_page_has_every_parameter() -> None:
-    """Replace the table on the page by the text that fails."""
-    page = (Path(__file__).parents[2] / "docs" / "datasets.md").read_text(encoding="utf-8")
+    """A row of the recipe's table names the section and the parameter, its default and its meaning."""
+    page = (Path(__file__).parents[2] / "docs" / "labels.md").read_text(encoding="utf-8")
+    rows = [
+        [cell.strip() for cell in line.split("|")[1:-1]]
+        for line in page.splitlines()
+        if line.startswith("| `")
+    ]
     own = [table for name, table in DRAWS.items() if name not in ("radar", "film", "tracing")]
+    listed = {
+        (section, names[-1]): (default, meaning)
+        for where, default, meaning in (row for row in rows if len(row) == 3)
+        for names in [re.findall(r"`(\w+)`", where)]
+        for section in names[:-1]
+    }
     for table in (*VALUES.values(), *own):
-        text = f"### [{table.plugin}]\n\n{table.doc}\n\n{table.markdown()}\n"
-        assert text in page, text
+        for param in table.rows:
+            default, meaning = listed[table.plugin, param.name]
+            told = f"{param.default:g}" if isinstance(param.default, float) else str(param.default)
+            given = [words.split()[0] for words in default.split(",") if words.split()]
+            assert (told.lower() in given) if told else not given, (table.plugin, param.name)
+            assert meaning == param.doc, (table.plugin, param.name)

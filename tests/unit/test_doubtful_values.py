@@ -13,8 +13,8 @@ from sarmitsuba.loading.library import list_radars, list_scenes
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.radar.builder import build_radar
 from sarmitsuba.radar.description import RadarDescription, RadarInput
-from sarmitsuba.radar.extent import Extent
 from sarmitsuba.radar.film import FilmDescription
+from sarmitsuba.radar.image_request import Extent
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.mesh.model_units import doubtful_unit, up_axis

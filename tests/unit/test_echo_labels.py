@@ -17,7 +17,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.focusing.look import adjoint_cells, form_image
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.simulation.execution.image import Imager
 from sarmitsuba.simulation.execution.point_taps import point_taps
 from sarmitsuba.simulation.execution.pulses import AntennaStates

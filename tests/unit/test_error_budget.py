@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.analysis.quality.account import Account, StageTime, account
-from sarmitsuba.analysis.quality.error_budget import BOUND, LAW, MEASURED, UNKNOWN, error_budget
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.analysis.account import Account, StageTime, account
+from sarmitsuba.analysis.error_budget import BOUND, LAW, MEASURED, UNKNOWN, error_budget
+from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.raw.gridding import gridding_kernel
 from tests.support.unweighted import focus
 

@@ -23,8 +23,8 @@ from sarmitsuba.signal.focusing.focuser import parse_focuser
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject_numpy
 from sarmitsuba.signal.focusing.focusers.factorised import Factorised
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.signal.image.metrics import image_error_db
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
+from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from tests.support.unweighted import focus
 

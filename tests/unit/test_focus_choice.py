@@ -17,11 +17,11 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 from sarmitsuba.signal.focusing import FOCUSERS, Focused, Focuser, FocusTask, default_grid
-from sarmitsuba.signal.focusing.data_error import data_error_db
+from sarmitsuba.signal.focusing.focus import data_error_db
 from sarmitsuba.signal.focusing.focuser import Auto, parse_focuser
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.signal.image.metrics import image_error_db
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
+from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from tests.support.unweighted import compare_focusers, focus
 

@@ -8,7 +8,7 @@ import pytest
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.focusing.range_compression import compression_filter, range_compress
-from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.signal.raw.chirp import to_chirped
 from sarmitsuba.signal.raw.raw_data import RawData
 

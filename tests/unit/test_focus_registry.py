@@ -32,7 +32,7 @@ from sarmitsuba.signal.focusing.focuser import option, parse_focuser
 from sarmitsuba.signal.focusing.focusers.backprojection import Backprojection, backproject
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.focusing.windows import parse_window
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 from tests.support.unweighted import focus
 
 REQUEST = ImageRequest(extent_azimuth=12.0, extent_range=12.0)

@@ -5,7 +5,7 @@ import pytest
 
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.signal.focusing.windows import Window, parse_window
-from sarmitsuba.signal.image.metrics import cut_metrics
+from sarmitsuba.signal.metrics import cut_metrics
 
 # name: -3 dB width in cells, highest sidelobe in dB, noise-equivalent width in dB
 KNOWN = {

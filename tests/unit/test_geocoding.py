@@ -13,7 +13,7 @@ from sarmitsuba.files import write_image
 from sarmitsuba.files.geocoding import map_zone, outlines
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw.raw_data import Layer
 from tests.support.draws import few_of
 from tests.support.geometries import singular_place

@@ -31,7 +31,7 @@ from sarmitsuba.apps.fit.parsing import offered, parse
 from sarmitsuba.apps.fit.shape_offsets import MovingPart
 from sarmitsuba.core.errors import RadarError, SceneError
 from sarmitsuba.machine.backend import dr
-from sarmitsuba.radar.in_pulse import moving_in_pulse
+from sarmitsuba.radar.receiver import moving_in_pulse
 from tests.support.differences import drawn, relative
 from tests.support.draws import few_of
 

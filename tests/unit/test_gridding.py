@@ -5,8 +5,14 @@ import pytest
 from scipy.integrate import quad
 
 from sarmitsuba.core.errors import RadarError
-from sarmitsuba.signal.raw.gridding import GriddingKernel, fine_grid, gridding_kernel, to_window
-from sarmitsuba.signal.raw.phasor import phase_ramp, unit_phasor
+from sarmitsuba.signal.raw.gridding import (
+    GriddingKernel,
+    fine_grid,
+    gridding_kernel,
+    phase_ramp,
+    to_window,
+    unit_phasor,
+)
 
 WIDTHS = range(1, 9)
 

@@ -5,17 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.analysis.interferometry import height_map, interferogram, unwrapped_phase
-from sarmitsuba.analysis.interferometry.interferogram import independent_looks
+from sarmitsuba.analysis.interferometry import height_map, independent_looks, interferogram, unwrapped_phase
 from sarmitsuba.core.arrays import C128, F64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.radar.flight import Flight
+from sarmitsuba.radar.collection import Flight
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation.chain import Parameter, make_scene

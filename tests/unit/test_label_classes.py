@@ -12,7 +12,7 @@ from sarmitsuba.apps.datasets.recipe import read_recipe
 from sarmitsuba.apps.datasets.sample import make_sample
 from sarmitsuba.apps.datasets.sample_labels import _recoded
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.signal.image.labels import LabelLayer
+from sarmitsuba.signal.pixel_labels import LabelLayer
 
 NAMES = ("building_1", "building_2", "bridge", "road")
 

@@ -11,8 +11,8 @@ from PIL import Image
 from sarmitsuba import Labels
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.files.coco import coco_document, run_lengths
-from sarmitsuba.signal.image.labels import LabelLayer, LabelledInstance
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
+from sarmitsuba.signal.pixel_labels import LabelLayer, LabelledInstance
 from sarmitsuba.view.labels_picture import write_mask
 
 

@@ -9,8 +9,8 @@ import pytest
 from scipy.signal.windows import taylor as taylor_window
 
 import sarmitsuba
-from sarmitsuba.analysis.link import LinkBudget, link_budget
-from sarmitsuba.analysis.link.prf_bounds import free_bands, overlap_share
+from sarmitsuba.analysis.link_budget import LinkBudget, link_budget
+from sarmitsuba.analysis.pulse_timing import free_bands, overlap_share
 from sarmitsuba.cli import main
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import DataError, RadarError

@@ -5,7 +5,7 @@ import pytest
 
 from sarmitsuba.core.constants import SUBSET_SHARES
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from sarmitsuba.simulation.execution.refinement.error_bars import (
     PASSES,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.signal.image.metrics import (
+from sarmitsuba.signal.metrics import (
     Chip,
     coherence,
     equivalent_number_of_looks,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba import PointTarget, RadarDescription, SceneMesh, build_scene, load_scene, simulate
-from sarmitsuba.analysis.quality.point_quality import scene_points
+from sarmitsuba.analysis.point_quality import scene_points
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.scene.mesh.tessellate import cube

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from sarmitsuba.core.errors import RadarError
 from sarmitsuba.signal.focusing.grid import default_grid
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.signal.image.metrics import point_target_in
+from sarmitsuba.signal.metrics import point_target_in
 from sarmitsuba.signal.raw.raw_data import RawData
 from tests.support.unweighted import focus
 

@@ -9,16 +9,15 @@ import pytest
 from sarmitsuba.core.errors import DataError, RadarError
 from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
-from sarmitsuba.radar.ephemeris import StateVectors
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.geodesy import Anchor
-from sarmitsuba.radar.orbit import OrbitRequest, circular_orbit
+from sarmitsuba.radar.orbit import OrbitRequest, StateVectors, circular_orbit
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.focusing.aperture_weights import matched_weights
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject
-from sarmitsuba.signal.image.metrics import point_target_in
+from sarmitsuba.signal.metrics import point_target_in
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth import theory

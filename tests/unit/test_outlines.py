@@ -12,7 +12,7 @@ import sarmitsuba
 from sarmitsuba import SceneMesh, build_scene
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.signal.focusing.placement import ImagePlacement
-from sarmitsuba.signal.image.shown_axes import ShownAxes
+from sarmitsuba.signal.image import ShownAxes
 from sarmitsuba.view.outlines import outlines
 from sarmitsuba.view.quicklook import quicklook
 from tests.support.scenes import POINT, small_scene

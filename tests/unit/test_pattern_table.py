@@ -16,8 +16,7 @@ from sarmitsuba.machine.backend import arrays, device_numbers, dr
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.radar.pattern import PATTERNS, Pattern
-from sarmitsuba.radar.pattern_table import PatternTable
+from sarmitsuba.radar.pattern import PATTERNS, Pattern, PatternTable
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings

@@ -10,7 +10,8 @@ import pytest
 import scipy.io
 
 from sarmitsuba import cli
-from sarmitsuba.analysis.quality import KnownPoint, image_quality
+from sarmitsuba.analysis.image_quality import image_quality
+from sarmitsuba.analysis.point_quality import KnownPoint
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.files import read_raw
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject_numpy

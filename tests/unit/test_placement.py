@@ -14,7 +14,7 @@ from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.focusing.placement import ImagePlacement
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 
 
 def made(rng: np.random.Generator, **given: object) -> tuple[Radar, ImageGrid]:

@@ -13,8 +13,8 @@ import pytest
 import scipy.io
 from matplotlib.figure import Figure
 
-from sarmitsuba.analysis.interferometry.interferogram import block_grid
-from sarmitsuba.analysis.polarimetry.multilook import averaged
+from sarmitsuba.analysis.interferometry import block_grid
+from sarmitsuba.analysis.polarimetry import averaged
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.files import FORMATS, write_image, write_raw
 from sarmitsuba.files.geocoding import north_up
@@ -23,7 +23,7 @@ from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.track import Track
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from sarmitsuba.simulation.execution.refinement.error_bars import estimate_error
 from sarmitsuba.view import quicklook as pictures

@@ -9,15 +9,15 @@ import sarmitsuba
 from sarmitsuba.core.errors import DataError, RadarError
 from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.antenna import Pointing
-from sarmitsuba.radar.attitude import PointingError
+from sarmitsuba.radar.aperture import PulseIntervals
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.radar.path import StraightPath
-from sarmitsuba.radar.pulse_intervals import PulseIntervals
+from sarmitsuba.radar.mode import StraightPath
+from sarmitsuba.radar.track_errors import PointingError
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import Method, TraceSettings
-from sarmitsuba.signal.image.metrics import image_error_db
+from sarmitsuba.signal.metrics import image_error_db
 from tests.support.unweighted import focus, render
 
 BEAM = {"pattern": "gaussian", "azimuth_beamwidth_deg": 2.0, "elevation_beamwidth_deg": 6.0}

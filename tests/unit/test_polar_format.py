@@ -14,7 +14,7 @@ from sarmitsuba.signal.focusing.focuser import check_focuser, parse_focuser
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject_numpy
 from sarmitsuba.signal.focusing.focusers.polar_format import LARGEST_PHASE, _WavenumberRaster
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.signal.image.metrics import point_target_in
+from sarmitsuba.signal.metrics import point_target_in
 from tests.support.unweighted import focus
 
 

@@ -27,7 +27,7 @@ from sarmitsuba.analysis.polarimetry import (
 from sarmitsuba.core.arrays import C64, C128, F64
 from sarmitsuba.core.errors import DataError, RadarError
 from sarmitsuba.radar.polarisation import read_channels
-from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw.raw_data import Layer
 from sarmitsuba.truth import theory
 from sarmitsuba.view.polarimetric_maps import feasible_bounds
@@ -124,7 +124,7 @@ def test_rough_ground_against_its_closed_form(ratio: float) -> None:
 
 
 def test_few_looks_hide_entropy() -> None:
-    """What docs/polarimetry.md says of blocks of 25 looks: a volume's H is 0.05 too low."""
+    """What docs/analysis.md says of blocks of 25 looks: a volume's H is 0.05 too low."""
     rng = np.random.default_rng(25)
     k = rng.standard_normal((2000, 25, 3, 2)) @ np.array([1.0, 1j]) * np.sqrt([0.25, 0.125, 0.125])
     found = cloude_pottier(np.einsum("nli,nlj->nij", k, np.conj(k)) / 25.0)

@@ -8,7 +8,10 @@ import pytest
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-@pytest.mark.parametrize(("name", "least"), [("python", 5), ("quality", 1), ("rcs", 1), ("modes", 1)])
+@pytest.mark.parametrize(
+    ("name", "least"),
+    [("running", 5), pytest.param("analysis", 3, marks=pytest.mark.slow), ("rcs", 1), ("radar", 1)],
+)
 def test_the_code_of_the_page_runs(name: str, least: int) -> None:
     page = DOCS / f"{name}.md"
     text = page.read_text(encoding="utf-8")

@@ -11,17 +11,16 @@ import numpy as np
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.analysis.quality import Area, KnownPoint, image_quality, spectral_looks
-from sarmitsuba.analysis.quality.areas import contrast, entropy
-from sarmitsuba.analysis.quality.widths import window_irw
+from sarmitsuba.analysis.image_quality import Area, contrast, entropy, image_quality, spectral_looks
+from sarmitsuba.analysis.point_quality import KnownPoint, window_irw
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.focusing.aperture_weights import incidence_angle
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.signal.image.metrics import point_target
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
+from sarmitsuba.signal.metrics import point_target
 from sarmitsuba.signal.raw.noise import add_noise
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from tests.support.unweighted import focus

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.analysis.quality import image_quality
+from sarmitsuba.analysis.image_quality import image_quality
 from sarmitsuba.core.errors import DataError, RadarError
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.radar.builder import build_radar
 from sarmitsuba.radar.description import RadarInput
-from sarmitsuba.radar.extent import Extent
-from sarmitsuba.radar.footprint import lit, outline
+from sarmitsuba.radar.image_request import Extent
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.swath import lit, outline
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.execution.render import simulate

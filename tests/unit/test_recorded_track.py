@@ -10,8 +10,8 @@ from sarmitsuba.core.errors import RadarError
 from sarmitsuba.loading.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.radar.recorded import TrackError
 from sarmitsuba.radar.track import Track
+from sarmitsuba.radar.track_errors import TrackError
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.signal.focusing.ideal import ideal_echoes
 from tests.support.unweighted import render

@@ -8,7 +8,7 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba import DataError, SarmitsubaError, SarmitsubaWarning
-from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw.raw_data import Layer
 from tests.support.unweighted import focus, refine
 

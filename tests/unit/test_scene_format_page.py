@@ -12,7 +12,7 @@ PAGE = DOCS / "scene_format.md"
 GUIDE = DOCS / "scenes.md"
 
 
-@pytest.mark.parametrize("name", ["scene_format.md", "effects_reference.md"])
+@pytest.mark.parametrize("name", ["scene_format.md", "effects.md"])
 def test_the_page_is_up_to_date(name: str) -> None:
     text = (DOCS / name).read_text(encoding="utf-8")
     assert "<!-- table: " in text

@@ -9,7 +9,7 @@ from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import ExtensionError, RadarError, SarmitsubaWarning
 from sarmitsuba.radar.builder import build_radar
 from sarmitsuba.radar.description import RadarInput
-from sarmitsuba.radar.extent import Extent
+from sarmitsuba.radar.image_request import Extent
 from sarmitsuba.radar.mode import MODES, AimGeometry
 
 SMALL = np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 1.0]])

@@ -8,8 +8,7 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.signal.image.shown_axes import ShownAxes
+from sarmitsuba.signal.image import ImageGrid, SarImage, ShownAxes
 from sarmitsuba.signal.raw.raw_data import Layer
 from sarmitsuba.view.display import PictureOptions, prepare
 from sarmitsuba.view.quicklook import quicklook

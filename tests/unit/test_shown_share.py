@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from sarmitsuba import PointTarget, RadarDescription, build_scene, error_budget, simulate
-from sarmitsuba.analysis.quality.error_budget import ErrorPart
+from sarmitsuba.analysis.error_budget import ErrorPart
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from tests.support.unweighted import focus
 
 

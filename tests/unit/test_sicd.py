@@ -17,7 +17,7 @@ from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.track import Track
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.raw.raw_data import Layer
 from tests.support.unweighted import focus
 

@@ -42,7 +42,7 @@ def sigma0(material: Material, incidence_deg: float, frequency: float = X_BAND) 
     return float(10.0 * np.log10(np.interp(np.radians(incidence_deg), theta, table.h)))
 
 
-# bounds of sigma0 at 40 degrees in the X band, dB, rounded outwards: docs/clutter.md
+# bounds of sigma0 at 40 degrees in the X band, dB, rounded outwards: docs/materials.md
 SPREAD = {
     "soil": (-20.0, -5.0),
     "grass": (-18.0, -7.0),

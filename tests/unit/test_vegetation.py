@@ -9,11 +9,17 @@ from sarmitsuba import RadarDescription, SceneMesh, SceneVolume, build_scene, lo
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.scene.materials.vegetation import canopy, plant_pieces
-from sarmitsuba.scene.materials.vegetation.canopy import CANOPIES, Canopy, Constituent, Orientation
-from sarmitsuba.scene.materials.vegetation.medium import NODES, node_cosines, water_cloud
-from sarmitsuba.scene.materials.vegetation.permittivity import plant_permittivity
-from sarmitsuba.scene.materials.vegetation.plant_pieces import Leaf, OverGround, Stick
-from sarmitsuba.scene.materials.vegetation.thin_cylinder import thin_rod
+from sarmitsuba.scene.materials.vegetation.canopy import (
+    CANOPIES,
+    NODES,
+    Canopy,
+    Constituent,
+    Orientation,
+    node_cosines,
+    plant_permittivity,
+    water_cloud,
+)
+from sarmitsuba.scene.materials.vegetation.plant_pieces import Leaf, OverGround, Stick, thin_rod
 from sarmitsuba.scene.mesh import tessellate
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.truth import theory

@@ -14,8 +14,8 @@ from sarmitsuba.core.constants import DEFAULT_WINDOW
 from sarmitsuba.core.errors import DataError, RadarError
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.image.labels import LabelLayer, LabelledInstance
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
+from sarmitsuba.signal.pixel_labels import LabelLayer, LabelledInstance
 from sarmitsuba.simulation.execution.grouped_look import GroupedLook
 from sarmitsuba.simulation.execution.image import Imager
 from sarmitsuba.simulation.execution.run import Run

@@ -11,13 +11,13 @@ from sarmitsuba.analysis.labels.sight import SightLines
 from sarmitsuba.core.arrays import F64, I64
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.scene.endless_ground import with_endless_ground
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.ground import with_endless_ground
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.placement import ImagePlacement
-from sarmitsuba.signal.image.labels import LabelLayer
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
+from sarmitsuba.signal.pixel_labels import LabelLayer
 
 VALID, SHADOW, LAYOVER, BOTH, NO_SURFACE = 0, 1, 2, 3, 255
 MASK_CODES = {

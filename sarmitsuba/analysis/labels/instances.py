@@ -14,7 +14,7 @@ from sarmitsuba.core.arrays import F64, I64
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.placement import ImagePlacement
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 
 # places on a shape whose sight decides its visible share
 PLACES = 1024

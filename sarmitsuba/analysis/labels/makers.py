@@ -21,8 +21,8 @@ from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.grid import default_grid
-from sarmitsuba.signal.image.labels import LabelLayer, LabelledInstance, Labels
-from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.image import ImageGrid, SarImage
+from sarmitsuba.signal.pixel_labels import LabelLayer, LabelledInstance, Labels
 
 
 @dataclass(frozen=True, eq=False)

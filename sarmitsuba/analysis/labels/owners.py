@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from sarmitsuba.analysis.labels.ground_shapes import ground_shapes
 from sarmitsuba.core.arrays import F64, I64, U32
 from sarmitsuba.core.errors import ResourceError
-from sarmitsuba.scene.endless_ground import level_rim
 from sarmitsuba.scene.geometry import Geometry, PointTarget
+from sarmitsuba.scene.ground import level_rim
 from sarmitsuba.scene.materials.map_materials import with_parts
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scatterers import ScattererTarget

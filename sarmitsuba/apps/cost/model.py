@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sarmitsuba.apps.cost.proof import ProofRun
-from sarmitsuba.apps.cost.report import Candidate
-from sarmitsuba.apps.cost.trial import Changes, Value
+from sarmitsuba.apps.cost.report import Candidate, ProofRun
+from sarmitsuba.apps.cost.trials import Changes, Value
 from sarmitsuba.simulation.planning.sampling.density_plan import RaySpacings
 
 # error that counts as zero: float32 rounding and the error of the reference

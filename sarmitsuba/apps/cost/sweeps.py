@@ -6,16 +6,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sarmitsuba.apps.cost.model import AFFECTS, FLOOR_DB, CostModel
-from sarmitsuba.apps.cost.proof import Reference
-from sarmitsuba.apps.cost.report import SPARE_DB, Row
-from sarmitsuba.apps.cost.trial import Trial, TrialSetting, Value
-from sarmitsuba.apps.cost.trials import Trials
+from sarmitsuba.apps.cost.report import SPARE_DB, Reference, Row
+from sarmitsuba.apps.cost.trials import Trial, Trials, TrialSetting, Value
 from sarmitsuba.core.errors import SarmitsubaError
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.focusing.focuser import FOCUSERS, parse_focuser
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.simulation.planning.prediction.speed import split_trace
 from sarmitsuba.simulation.planning.sampling.density_plan import RaySpacings
 

@@ -49,7 +49,7 @@ _MOST_TEXT = 10_000_000
 
 
 class SampleWorkers(Protocol):
-    """Workers of a cluster, such as `sarmitsuba.apps.cluster.dask_workers.DaskWorkers`."""
+    """Workers of a cluster, such as `sarmitsuba.apps.cluster.DaskWorkers`."""
 
     def spread(
         self, make: Callable[[], Drawer], use: Callable[[Drawer, int], Sample], tasks: Sequence[int]

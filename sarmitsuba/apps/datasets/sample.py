@@ -24,7 +24,7 @@ from sarmitsuba.core.errors import (
 from sarmitsuba.core.parameters import Value
 from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.machine.exclusive import single_threaded
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.raw.raw_data import RawData
 from sarmitsuba.signal.raw.threads import one_blas_thread
 from sarmitsuba.simulation.execution.refinement.error_bars import estimate_pass_error

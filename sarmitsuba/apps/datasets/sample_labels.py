@@ -16,8 +16,8 @@ from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.placement import ImagePlacement
-from sarmitsuba.signal.image.labels import LabelLayer, LabelledInstance
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
+from sarmitsuba.signal.pixel_labels import LabelLayer, LabelledInstance
 
 # layers of codes of shapes, for masks of instances; the first that there is
 SHAPES = ("shape", "instance")

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba.core.units import db_from_power
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
+from sarmitsuba.view.charts import side_by_side
 from sarmitsuba.view.display import LARGEST, PictureOptions, prepare
 from sarmitsuba.view.figure import Figure
-from sarmitsuba.view.side_by_side import side_by_side
 
 if TYPE_CHECKING:
     from sarmitsuba.apps.fit.image_derivative import ImageDerivative

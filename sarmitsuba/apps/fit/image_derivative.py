@@ -18,7 +18,7 @@ from sarmitsuba.core.errors import SceneError
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.signal.focusing import focus
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 
 # phase, rad, up to which first order is of use: an eighth of a wavelength of path
 LARGEST_PHASE = 0.25 * np.pi

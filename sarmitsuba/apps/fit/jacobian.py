@@ -21,7 +21,7 @@ from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.signal.raw.raw_data import RawData
 
 if TYPE_CHECKING:
-    from sarmitsuba.signal.image.sar_image import SarImage
+    from sarmitsuba.signal.image import SarImage
 
 Parameters: TypeAlias = "str | Sequence[str | Parameter]"
 

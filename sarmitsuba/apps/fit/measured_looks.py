@@ -16,8 +16,8 @@ from sarmitsuba.apps.fit.jacobian import Parameters, parameters_of
 from sarmitsuba.apps.fit.least_squares import Samples
 from sarmitsuba.core.arrays import C64
 from sarmitsuba.core.errors import DataError, SarmitsubaWarning, SceneError
-from sarmitsuba.radar.in_pulse import moving_in_pulse
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.receiver import moving_in_pulse
 from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.signal.raw.noise import noise_power
 from sarmitsuba.signal.raw.raw_data import RawData

@@ -11,8 +11,8 @@ import numpy as np
 from sarmitsuba.core.arrays import C64, C128, F64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.radar.attitude import turned
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.track_errors import turned
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.raw.raw_data import Layer
 from sarmitsuba.simulation.execution.points import add_points

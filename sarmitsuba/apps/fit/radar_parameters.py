@@ -11,7 +11,7 @@ from sarmitsuba.apps.fit.parameter import AXES, Derivatives, Parameter
 from sarmitsuba.core.arrays import C64, F64, I64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import RadarError, SceneError
-from sarmitsuba.radar.attitude import turned
+from sarmitsuba.radar.track_errors import turned
 from sarmitsuba.tracing.derivatives.tangents import PER_DB, Displacement
 
 if TYPE_CHECKING:

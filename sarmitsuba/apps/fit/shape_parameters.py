@@ -11,7 +11,7 @@ from sarmitsuba.analysis.labels.ground_shapes import ground_shapes
 from sarmitsuba.apps.fit.parameter import AXES, Derivatives, Parameter, quoted
 from sarmitsuba.core.arrays import C64, F64, I64
 from sarmitsuba.core.errors import SceneError
-from sarmitsuba.scene.endless_ground import ENDLESS_GROUND
+from sarmitsuba.scene.ground import ENDLESS_GROUND
 from sarmitsuba.tracing.derivatives.tangents import Displacement
 
 if TYPE_CHECKING:

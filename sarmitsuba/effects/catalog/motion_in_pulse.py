@@ -9,8 +9,8 @@ from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.text import length
-from sarmitsuba.radar.in_pulse import moving_in_pulse
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.receiver import moving_in_pulse
 from sarmitsuba.scene.scene import Scene
 
 

@@ -9,7 +9,7 @@ from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.scene.materials.material import Material
-from sarmitsuba.scene.materials.vegetation.medium import VolumeMedium
+from sarmitsuba.scene.materials.vegetation.canopy import VolumeMedium
 
 
 class TemporalDecorrelation(Effect):

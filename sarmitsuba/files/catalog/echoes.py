@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import C64
+from sarmitsuba.core.arrays import C64, all_finite
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.core.finite import all_finite
 from sarmitsuba.core.parameters import one_line, printable
 from sarmitsuba.files.echo_header import EchoHeader, read_header
 from sarmitsuba.files.formats import FORMATS, FileFormat
@@ -19,13 +18,13 @@ from sarmitsuba.files.mat_file import load_mat
 from sarmitsuba.machine.isolated import survive
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.image_request import ImageRequest
-from sarmitsuba.radar.in_pulse import later
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
+from sarmitsuba.radar.receiver import later
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.utc import utc_after
 from sarmitsuba.radar.waveform import Waveform
-from sarmitsuba.signal.image.sar_image import UNCALIBRATED
+from sarmitsuba.signal.image import UNCALIBRATED
 from sarmitsuba.signal.raw.doppler_estimate import estimate_doppler
 from sarmitsuba.signal.raw.raw_data import DATA_FILE, Layer, RawData
 

@@ -8,7 +8,7 @@ from sarmitsuba.core.parameters import printable
 from sarmitsuba.files.formats import FORMATS, FileFormat
 from sarmitsuba.files.geocoding import outlines, warn_unplaced
 from sarmitsuba.machine.atomic import atomic_path
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 
 _KML = "http://www.opengis.net/kml/2.2"
 

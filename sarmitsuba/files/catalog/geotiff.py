@@ -10,8 +10,8 @@ from sarmitsuba.files.extras import formats_package
 from sarmitsuba.files.formats import FORMATS, FileFormat
 from sarmitsuba.files.geocoding import MapGrid, NorthUp, north_up, warn_unplaced
 from sarmitsuba.machine.atomic import atomic_path
-from sarmitsuba.signal.image.labels import Labels
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
+from sarmitsuba.signal.pixel_labels import Labels
 from sarmitsuba.version import __version__
 
 

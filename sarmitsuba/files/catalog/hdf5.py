@@ -20,10 +20,9 @@ from typing import Any
 import h5py
 import numpy as np
 
-from sarmitsuba.core.arrays import C64
+from sarmitsuba.core.arrays import C64, check_pulses
 from sarmitsuba.core.constants import SUBSET_SHARES
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.core.finite import check_pulses
 from sarmitsuba.files import groups
 from sarmitsuba.files.formats import FORMATS, FileFormat
 from sarmitsuba.files.hdf5_file import check_shape, read_grid, read_hdf5, write_grid, write_hdf5
@@ -34,9 +33,8 @@ from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
-from sarmitsuba.signal.image.sar_image import SarImage
-from sarmitsuba.signal.raw.autofocus_records import AutofocusRecords
-from sarmitsuba.signal.raw.raw_data import Layer, RawData, channels_of
+from sarmitsuba.signal.image import SarImage
+from sarmitsuba.signal.raw.raw_data import AutofocusRecords, Layer, RawData, channels_of
 
 # fields of a radar that are stored elsewhere
 _ELSEWHERE = ("track", "offset", "recorded", "receiver", "receiver_pointing", "delay", "anchor")

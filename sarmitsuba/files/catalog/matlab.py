@@ -19,8 +19,7 @@ from sarmitsuba.files.mat_file import load_mat
 from sarmitsuba.files.phase_history import PhaseHistory, joined, raw_of
 from sarmitsuba.machine.isolated import survive
 from sarmitsuba.radar.polarisation import CHANNELS
-from sarmitsuba.signal.raw.autofocus_records import AutofocusRecords
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw.raw_data import AutofocusRecords, RawData
 
 _STRUCT = "data"
 _NEEDED = ("fp", "freq", "x", "y", "z", "r0")

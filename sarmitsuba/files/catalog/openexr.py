@@ -13,7 +13,7 @@ from sarmitsuba.core.arrays import C64
 from sarmitsuba.core.errors import OutputError
 from sarmitsuba.files.formats import FORMATS, FileFormat
 from sarmitsuba.machine.atomic import atomic_path
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from sarmitsuba.version import __version__
 
 

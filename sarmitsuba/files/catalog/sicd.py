@@ -16,10 +16,9 @@ from sarmitsuba.files.formats import FORMATS, FileFormat
 from sarmitsuba.files.nga import DAMAGED, plain_xml, refuse_document_type, said
 from sarmitsuba.files.sicd_document import Axes, document, image_of
 from sarmitsuba.machine.atomic import atomic_path
-from sarmitsuba.radar.collection import Collection, signal_facts
-from sarmitsuba.radar.flight import flight_facts
+from sarmitsuba.radar.collection import Collection, flight_facts, signal_facts
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 
 
 def write_image(path: Path, image: SarImage) -> None:

@@ -7,8 +7,7 @@ import numpy as np
 
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.parameters import Param, Value
-from sarmitsuba.radar.mode import MODES, AimGeometry, RadarMode, TrackAxes, towards
-from sarmitsuba.radar.path import FlightPath
+from sarmitsuba.radar.mode import MODES, AimGeometry, FlightPath, RadarMode, TrackAxes, towards
 from sarmitsuba.radar.track import Track
 
 

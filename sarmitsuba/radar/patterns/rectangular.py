@@ -5,7 +5,7 @@ from types import ModuleType
 
 import numpy as np
 
-from sarmitsuba.core.samples import Samples
+from sarmitsuba.core.arrays import Samples
 from sarmitsuba.radar.pattern import PATTERNS, SINC_HALF_POWER, Pattern
 
 

@@ -11,8 +11,7 @@ from sarmitsuba.core.errors import SceneError
 from sarmitsuba.core.parameters import Value, float_value, string_value
 from sarmitsuba.scene.materials.change import change_of
 from sarmitsuba.scene.materials.diffuse_law import LAWS, DiffuseLaw, law_parameters
-from sarmitsuba.scene.materials.dispersion import Dispersion
-from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.materials.material import Dispersion, Material
 from sarmitsuba.scene.materials.named.itu_p2040 import ITU_BANDS
 from sarmitsuba.scene.materials.named_materials import (
     MATERIALS,

@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike
 
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import ExtensionError, SceneError
-from sarmitsuba.scene.materials.bragg import bragg_factors
 from sarmitsuba.scene.materials.diffuse_law import LAWS, Sigma0, WindWaves, permittivity_of
 from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.materials.rough_surface import bragg_factors
 
 T = TypeVar("T")
 

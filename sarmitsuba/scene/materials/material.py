@@ -1,4 +1,7 @@
-"""Electromagnetic properties of the surface of a half space or slab."""
+"""Electromagnetic properties of the surface of a half space or slab.
+
+Permittivity over frequency: source of a material's permittivity, for evaluation at other frequencies.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -9,8 +12,33 @@ from sarmitsuba.core.errors import SceneError
 from sarmitsuba.core.parameters import knows_its_fields
 from sarmitsuba.scene.materials.change import coherence_after
 from sarmitsuba.scene.materials.diffuse_law import LAWS
-from sarmitsuba.scene.materials.dispersion import Dispersion
+from sarmitsuba.scene.materials.named_materials import MATERIALS, permittivity_from_conductivity
 from sarmitsuba.scene.materials.texture import Bitmap, check_texture
+
+
+@dataclass(frozen=True)
+class Dispersion:
+    """Relative permittivity as a function of frequency.
+
+    Parameters
+    ----------
+    kind : name in ``MATERIALS``; empty: given by ``real`` and ``conductivity``
+    values : name and value of the named material's own parameters; missing ones have their defaults
+    real : relative permittivity, real part
+    conductivity : S/m
+    """
+
+    kind: str = ""
+    values: tuple[tuple[str, float], ...] = ()
+    real: float = 1.0
+    conductivity: float = 0.0
+
+    def permittivity(self, frequency: float) -> complex:
+        """Relative permittivity ``eps' - j eps''`` at a frequency, Hz."""
+        if self.kind:
+            return MATERIALS[self.kind].at(dict(self.values)).permittivity(frequency)
+        return permittivity_from_conductivity(self.real, self.conductivity, frequency)
+
 
 # magnitude of the permittivity above which a half space reflects 98 % of a wave and its edges are those of metal
 GOOD_CONDUCTOR = 1e4

@@ -74,7 +74,7 @@ def typical_surface(kind: str, frequency: float, rms_height: float = ORDINARY_RM
     References
     ----------
     Barton, Land clutter models for radar design and analysis, Proc. IEEE 73 (2) 1985 (frequency dependence); see
-    docs/clutter.md for the levels.
+    docs/materials.md for the levels.
     """
     typical = typical_of(kind)
     if rms_height == 0.0 or typical.smooth:

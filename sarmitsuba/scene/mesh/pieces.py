@@ -3,8 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import F64, I64
-from sarmitsuba.core.boxes import box_of_each
+from sarmitsuba.core.arrays import F64, I64, box_of_each
 from sarmitsuba.scene.mesh.connected import connected
 
 # bend of an edge below which the surface continues across it, rad

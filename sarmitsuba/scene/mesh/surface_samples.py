@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import F64, I64, U32
-from sarmitsuba.core.boxes import box_of_each
+from sarmitsuba.core.arrays import F64, I64, U32, box_of_each
 
 # cells processed at a time; bounds the temporary arrays
 CHUNK = 2_000_000

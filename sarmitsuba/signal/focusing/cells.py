@@ -13,7 +13,7 @@ from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import ground_cell_area, incidence_angle
 from sarmitsuba.signal.focusing.windows import Window, parse_window
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 
 # rows and columns at which a varying azimuth cell is computed
 _ROW_NODES, _COLUMN_NODES = 65, 9

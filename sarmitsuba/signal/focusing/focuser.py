@@ -1,24 +1,191 @@
-"""Focusers: interface of the focusing algorithms, with their limits, stated errors and calibration."""
+"""Focusers: interface of the focusing algorithms, with their limits, stated errors and calibration.
 
+Options of focusers and autofocusers: the fields of a frozen dataclass, each with a default and a line of help.
+
+Memory needs of focusing, from the sizes of data and image.
+"""
+
+import dataclasses
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from sarmitsuba.core.arrays import C64, F64
+from sarmitsuba.core.arrays import C64, F64, LinearMap
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.core.linear_map import LinearMap
+from sarmitsuba.core.parameters import BOOLEANS, is_finite
 from sarmitsuba.core.progress import Progress
 from sarmitsuba.core.registry import Registry
+from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.signal.focusing.memory_needs import backprojection_bytes
-from sarmitsuba.signal.focusing.options import OptionValue, WithOptions, option
 from sarmitsuba.signal.focusing.windows import Window
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.raw.raw_data import RawData
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+
+OptionValue = str | int | float | bool
+
+
+def option(
+    default: Any,
+    doc: str,
+    *,
+    within: tuple[float, float] | None = None,
+    automatic: bool = False,
+    choices: tuple[OptionValue, ...] = (),
+) -> Any:
+    """Field of a focuser's dataclass: an option of type str, int, float or bool, with its one line of help.
+
+    ``within`` bounds a number, both ends included; with ``automatic`` 0 is accepted as well. ``choices`` are all values
+    accepted. Numbers are finite in any case.
+    """
+    return dataclasses.field(
+        default=default, metadata={"doc": doc, "within": within, "automatic": automatic, "choices": choices}
+    )
+
+
+@dataclass(frozen=True)
+class WithOptions:
+    """A frozen dataclass whose fields are its options, see :func:`option`.
+
+    Attributes
+    ----------
+    kind : word for it in messages
+    name : in commands and calls
+    title : purpose in one line
+    """
+
+    kind: ClassVar[str]
+    name: ClassVar[str]
+    title: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        """Check every option's value.
+
+        Raises
+        ------
+        DataError
+            One is not finite, out of its bounds or not among its choices.
+        """
+        for field in dataclasses.fields(self):
+            value, takes = getattr(self, field.name), _takes(field)
+            choices, within = field.metadata.get("choices", ()), field.metadata.get("within")
+            right = value in choices if choices else True
+            if right and isinstance(value, int | float) and not isinstance(value, bool):
+                right = is_finite(value) and (within is None or within[0] <= value <= within[1])
+                right |= value == 0 and bool(field.metadata.get("automatic"))
+            if not right:
+                shown = f"{value:g}" if isinstance(value, float) else repr(value)
+                raise DataError(f"{self.kind} {self.name}: {field.name} = {shown} must be {takes}")
+
+    @property
+    def options(self) -> dict[str, OptionValue]:
+        """Options by name, with their values."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+
+    def with_options(self, texts: Mapping[str, str]) -> "Self":
+        """A copy with options read from text.
+
+        Raises
+        ------
+        DataError
+            Unknown option, or a value of the wrong type or out of its bounds.
+        """
+        values: dict[str, OptionValue] = {}
+        for name, text in texts.items():
+            if name not in self.options:
+                takes = ", ".join(self.options) or "none"
+                raise DataError(f"{self.kind} {self.name}: option {name!r} is unknown; it takes {takes}")
+            kind = type(self.options[name])
+            try:
+                values[name] = BOOLEANS[text.lower()] if kind is bool else kind(text)
+            except (KeyError, ValueError):
+                raise DataError(
+                    f"{self.kind} {self.name}: {name} = {text!r} is not of type {kind.__name__}"
+                ) from None
+        return dataclasses.replace(self, **values)
+
+    def with_texts(self, texts: Iterable[str]) -> "Self":
+        """A copy with options read from texts such as ``interpolation=kernel:8``; raises as :meth:`with_options`."""
+        pairs = [item.partition("=") for item in texts]
+        return self.with_options({key.strip(): value.strip() for key, _, value in pairs})
+
+    @property
+    def help(self) -> str:
+        """Title and options, for help texts."""
+        options = [
+            f"{field.name}={field.default} ({field.metadata.get('doc', '')})"
+            for field in dataclasses.fields(self)
+        ]
+        return "; options ".join([self.title, ", ".join(options)]) if options else self.title
+
+
+def _takes(field: "dataclasses.Field[OptionValue]") -> str:
+    """Values that an option accepts, for messages."""
+    choices, within = field.metadata.get("choices", ()), field.metadata.get("within")
+    if choices:
+        *most, last = (str(choice) for choice in choices)
+        return f"{', '.join(most)} or {last}"
+    text = "finite" if within is None else f"from {within[0]:g} to {within[1]:g}"
+    return f"{text}, or 0" if field.metadata.get("automatic") else text
+
+
+# pixels of a backprojection tile; bytes per pixel for its place in the image; per line for the position in NumPy (three
+# times while it is made) and on the device
+TILE_PIXELS, TILE_BYTES, LINE_BYTES = 1 << 20, 24, 88
+# bytes per pixel and layer of the sums, before and after a batch of pulses
+SUMS = 24
+# bytes of a range-compressed sample as an upsampled profile, of those of one batch of pulses at most, and their copies
+PROFILE, BATCH, COPIES = 32, 5 << 20, 5
+# bytes per pixel and layer of the finished image, and of error bars, files and pictures
+PIXEL, FINISHING = 8, 16
+# bytes per pixel: while a look is planned, and of its plan and one layer's field
+LOOK_PIXEL, LOOK_FIELD = 60, 44
+# bytes per cell of the grid of several looks, while its impulse response is made
+LOOK_CELL = 40
+
+
+def backprojection_bytes(radar: Radar, grid: ImageGrid, n_layers: int, per_line: int = 1) -> int:
+    """Peak memory in bytes of backprojection with ``per_line`` pixels in a line, pixels included.
+
+    Raw data are not included.
+    """
+    pixels, samples = int(np.prod(grid.shape)), n_layers * radar.track.n_pulses * radar.window.n_samples
+    tile = min(pixels, TILE_PIXELS) * (TILE_BYTES + LINE_BYTES // per_line + SUMS * min(n_layers, 4))
+    return PIXEL * pixels * n_layers + tile + COPIES * min(PROFILE * samples, BATCH)
+
+
+def focusing_bytes(grid: ImageGrid, n_layers: int, making: int) -> int:
+    """Peak memory in bytes of making and storing an image; ``making``: while its pixels are made."""
+    return max(making, (PIXEL + FINISHING) * int(np.prod(grid.shape)) * n_layers)
+
+
+def look_bytes(grid: ImageGrid, n_layers: int, n_cells: int) -> int:
+    """Bytes of an image made from looks, its plan and their grid's cells included."""
+    each = max(LOOK_PIXEL, LOOK_FIELD + PIXEL * n_layers, (PIXEL + FINISHING) * n_layers)
+    return max(int(np.prod(grid.shape)) * each, LOOK_CELL * n_cells)
+
+
+def check_image_fits(grid: ImageGrid, n_layers: int, making: int) -> None:
+    """Raise a ResourceError for an image that does not fit into memory; ``making`` as in :func:`focusing_bytes`.
+
+    Raises
+    ------
+    ResourceError
+        It does not fit.
+    """
+    rows, columns = grid.shape
+    check_fits(
+        f"image: {rows} x {columns} pixels in {n_layers} layers",
+        focusing_bytes(grid, n_layers, making),
+        "make its extents smaller or its pixel spacings wider",
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +270,7 @@ class Focuser(WithOptions, ABC):
         """The focuser that is used, and the reason of the choice; itself except for ``auto``.
 
         ``data_error_db`` gives the error of the echoes themselves, see
-        :func:`sarmitsuba.signal.focusing.data_error.data_error_db`; it is called where the choice depends on it.
+        :func:`sarmitsuba.signal.focusing.focus.data_error_db`; it is called where the choice depends on it.
         """
         return self, ""
 
@@ -285,21 +452,3 @@ def check_focuser(focuser: Focuser, radar: Radar, grid: ImageGrid) -> None:
         others = [f.name for f in FOCUSERS if f.name != name and not f.objection(radar, grid)]
         remedy = f"; take focuser {' or '.join(others)}" if others else ""
         raise DataError(f"focuser {name}: {reason}{remedy}")
-
-
-__all__ = [
-    "CALL_SECONDS",
-    "DEFAULT",
-    "ERROR_DB",
-    "EXACT",
-    "FOCUSERS",
-    "WEIGHT_SECONDS",
-    "Auto",
-    "FocusTask",
-    "Focused",
-    "Focuser",
-    "OptionValue",
-    "check_focuser",
-    "option",
-    "parse_focuser",
-]

@@ -6,8 +6,8 @@ import numpy as np
 
 from sarmitsuba.core.arrays import F64, I64
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.radar.effective_velocity import effective_velocity_ratio
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.track import effective_velocity_ratio
 from sarmitsuba.signal.focusing.aperture_weights import (
     aperture_weights,
     direction_gain,
@@ -16,7 +16,7 @@ from sarmitsuba.signal.focusing.aperture_weights import (
     matched_weights,
     pulse_ranges,
 )
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.raw.look_grid import BeamFan, LookGrid
 
 LEAST_AGREEMENT = 0.99

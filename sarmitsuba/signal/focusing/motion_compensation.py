@@ -7,16 +7,15 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import C64, C128, F32, F64, I64
+from sarmitsuba.core.arrays import C64, C128, F32, F64, I64, LinearMap
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.core.linear_map import LinearMap
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.signal.focusing.aperture_weights import direction_gain
 from sarmitsuba.signal.focusing.focuser import Focuser, check_focuser
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.raw.gridding import gridding_kernel
 from sarmitsuba.signal.raw.raw_data import RawData
 

@@ -9,20 +9,19 @@ import numpy as np
 import scipy.sparse.linalg
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import C64
+from sarmitsuba.core.arrays import C64, LinearMap
 from sarmitsuba.core.constants import DEFAULT_WINDOW
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.core.linear_map import LinearMap
 from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.machine.exclusive import backend_lock, exclusive
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.signal.focusing.autofocus import parse_autofocus
+from sarmitsuba.signal.focusing.focus import prepare, raw_data
 from sarmitsuba.signal.focusing.focuser import DEFAULT, Focuser, FocusTask
 from sarmitsuba.signal.focusing.motion_compensation import MotionCompensation
-from sarmitsuba.signal.focusing.preparation import prepare, raw_data
 from sarmitsuba.signal.focusing.range_compression import RangeCompression
 from sarmitsuba.signal.focusing.windows import Window
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.raw.pulse_motion import BoresightPhase
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
 

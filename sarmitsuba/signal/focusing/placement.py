@@ -9,7 +9,7 @@ from sarmitsuba.core.arrays import F64, I64
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.signal.focusing.aperture_weights import flight
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 
 # Newton steps; misfit of range and of range over the aperture, m, at which they end, and largest of a solution
 _STEPS, _CLOSE, _ENOUGH = 8, 1e-7, 1e-4

@@ -7,9 +7,8 @@ from typing import Literal
 import numpy as np
 import scipy.fft
 
-from sarmitsuba.core.arrays import C64, C128
+from sarmitsuba.core.arrays import C64, C128, LinearMap
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.core.linear_map import LinearMap
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.profiles import band_weights
 from sarmitsuba.signal.focusing.windows import parse_window

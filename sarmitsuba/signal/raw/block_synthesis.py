@@ -12,9 +12,14 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C64, F64, I64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
-from sarmitsuba.signal.raw.block_beam import azimuth_gain
-from sarmitsuba.signal.raw.gridding import gridding_kernel, to_window, to_window_adjoint
-from sarmitsuba.signal.raw.phasor import phase_ramp, unit_phasor
+from sarmitsuba.signal.raw.block import azimuth_gain
+from sarmitsuba.signal.raw.gridding import (
+    gridding_kernel,
+    phase_ramp,
+    to_window,
+    to_window_adjoint,
+    unit_phasor,
+)
 from sarmitsuba.signal.raw.threads import parallel_map
 
 if TYPE_CHECKING:

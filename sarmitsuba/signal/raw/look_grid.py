@@ -6,8 +6,7 @@ from types import ModuleType
 import numpy as np
 import scipy.fft
 
-from sarmitsuba.core.arrays import C64, F64, I64
-from sarmitsuba.core.samples import Samples
+from sarmitsuba.core.arrays import C64, F64, I64, Samples
 from sarmitsuba.signal.raw.gridding import GriddingKernel, gridding_kernel
 from sarmitsuba.signal.raw.sub_bands import RangeFilter
 

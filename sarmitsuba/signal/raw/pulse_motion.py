@@ -24,11 +24,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sarmitsuba.core.arrays import C64, F64
-from sarmitsuba.core.boxes import box_corners
+from sarmitsuba.core.arrays import C64, F64, LinearMap, Samples, box_corners
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
-from sarmitsuba.core.linear_map import LinearMap
-from sarmitsuba.core.samples import Samples
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.raw.raw_data import RawData
 

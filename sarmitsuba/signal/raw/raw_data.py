@@ -1,4 +1,7 @@
-"""Raw data: the recorded echoes of all pulses, with the parameters needed to focus them."""
+"""Raw data: the recorded echoes of all pulses, with the parameters needed to focus them.
+
+Autofocus records: a provider's corrections of range and phase, pulse by pulse, delivered with the data.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -6,16 +9,66 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.core.arrays import C64
+from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.registry import late, png_of
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track, numbers_of
-from sarmitsuba.signal.raw.autofocus_records import AutofocusRecords
+
+
+@dataclass(frozen=True, eq=False)
+class AutofocusRecords:
+    r"""Corrections of range and phase that a data provider's autofocus found.
+
+    Corrected samples over frequency are
+
+    .. math:: F'_{kn} = F_{kn} e^{j \phi_n} e^{-j 4 \pi f_{kn} \rho_n / c}
+
+    so that an echo of the range R in the data stands at :math:`R + \rho_n` after the correction.
+
+    Parameters
+    ----------
+    range_correction : (n_pulses,) float64, m; :math:`\rho_n`
+    phase_correction : (n_pulses,) float64, rad; :math:`\phi_n`, of all samples of the pulse
+
+    Raises
+    ------
+    DataError
+        The two differ in length, or hold NaN or infinite numbers.
+    """
+
+    range_correction: F64
+    phase_correction: F64
+
+    def __post_init__(self) -> None:
+        shapes = self.range_correction.shape, self.phase_correction.shape
+        if shapes[0] != shapes[1] or len(shapes[0]) != 1:
+            raise DataError(
+                f"autofocus records: {shapes[0]} range and {shapes[1]} phase corrections; give one for each pulse"
+            )
+        if not (np.isfinite(self.range_correction).all() and np.isfinite(self.phase_correction).all()):
+            raise DataError("autofocus records: corrections must be finite numbers")
+
+    def of_pulses(self, pick: NDArray[np.intp]) -> "AutofocusRecords":
+        """Records of the pulses of these numbers."""
+        return AutofocusRecords(self.range_correction[pick], self.phase_correction[pick])
+
+    def range_error(self, wavelength: float) -> F64:
+        r"""Range error (n_pulses,), m, with the same phase at the carrier: :math:`\lambda \phi / 4 \pi - \rho`.
+
+        The sign is that of `sarmitsuba.signal.focusing.autofocus.Autofocuser.estimate`: true minus recorded range. As
+        the phase repeats itself every half wavelength, the range corrections of measured data (AFRL's Gotcha set) jump
+        by multiples of it from pulse to pulse. The result does not: it changes by a quarter of a wavelength at most
+        from pulse to pulse, and its mean is as close as such multiples allow to that of :math:`-\rho`.
+        """
+        half = 0.5 * wavelength
+        error = np.unwrap(self.phase_correction * half / (2.0 * np.pi) - self.range_correction, period=half)
+        return np.asarray(error - half * np.round(np.mean(error + self.range_correction) / half))
+
 
 # metadata: file beside the one that was read, which holds the samples
 DATA_FILE = "data_file"
@@ -146,7 +199,7 @@ class RawData:
 
     def plot(self, *, channel: str | None = None) -> object:
         """Level of a channel's echoes (default: the first) as a Matplotlib ``Figure``, which notebooks show."""
-        return late("sarmitsuba.view.echoes", "echoes_figure")(self, channel)
+        return late("sarmitsuba.view.charts", "echoes_figure")(self, channel)
 
     def save(self, path: Path | str, *, format: str | None = None) -> None:
         """Write to a file, as :func:`sarmitsuba.write_raw` does."""

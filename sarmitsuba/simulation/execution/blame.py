@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sarmitsuba.core.arrays import all_finite
 from sarmitsuba.core.errors import ExtensionError, SceneError
-from sarmitsuba.core.finite import all_finite
 from sarmitsuba.scene.materials.map_materials import with_parts
 from sarmitsuba.simulation.execution.recording import Recording
 from sarmitsuba.tracing.kernel.stage import own_stages

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C64, F32, F64, I64
 from sarmitsuba.signal.focusing.look import adjoint_cells, form_image
-from sarmitsuba.signal.focusing.look_parts import GridPart, PartImages
-from sarmitsuba.signal.focusing.mean_power import PowerResponse
+from sarmitsuba.signal.focusing.look_parts import GridPart, PartImages, PowerResponse
 from sarmitsuba.signal.raw.sub_bands import RangeFilter
 from sarmitsuba.simulation.execution.image import Imager
 from sarmitsuba.simulation.execution.tracing import MAX_GRID_BYTES

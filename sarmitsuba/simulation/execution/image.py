@@ -11,15 +11,14 @@ from sarmitsuba.core.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.core.errors import RadarError
 from sarmitsuba.core.timing import StageTimer
 from sarmitsuba.core.witness import Witness
-from sarmitsuba.radar.collection import signal_facts
-from sarmitsuba.radar.flight import flight_facts
+from sarmitsuba.radar.collection import flight_facts, signal_facts
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.focusing.aperture_weights import incidence_angle, matched_weights
 from sarmitsuba.signal.focusing.cells import AzimuthCells, azimuth_cells, fit_columns
 from sarmitsuba.signal.focusing.look import Look, form_image, plan_look
 from sarmitsuba.signal.focusing.look_geometry import passing_time, sweeps
 from sarmitsuba.signal.focusing.windows import parse_window
-from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw.noise import noise_generator, noise_power
 from sarmitsuba.signal.raw.raw_data import Layer
 from sarmitsuba.signal.raw.sub_bands import RangeFilter, SubBands

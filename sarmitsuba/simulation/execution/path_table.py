@@ -57,7 +57,7 @@ class PathTable:
         which the path turns back is its phase centre: the diffuse scatterer, or the phase centre of the tube on the
         facet; of a pair of diffuse scatterers both bounces are given at the midpoint between the two
     face : (n, n_most) int32 row of ``Scene.geometry.faces``, beyond these of ground that
-        goes on (:func:`sarmitsuba.scene.endless_ground.with_endless_ground`); -1 where there is none
+        goes on (:func:`sarmitsuba.scene.ground.with_endless_ground`); -1 where there is none
     shape : (n, n_most) int32 number of the mesh, -1 where there is none
     material : (n, n_most) int32 index into ``Scene.materials``, -1 where there is none
 

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C64, F64
-from sarmitsuba.radar.attitude import turned
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.track_errors import turned
 from sarmitsuba.signal.raw.block import BlockPlan, plan_block
 from sarmitsuba.signal.raw.block_synthesis import synthesise, synthesise_adjoint
 from sarmitsuba.signal.raw.direct import DirectPlan, finish, finish_adjoint, plan_direct

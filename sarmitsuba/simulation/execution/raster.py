@@ -15,7 +15,7 @@ from sarmitsuba.machine.backend import device_array, dr, mi
 from sarmitsuba.radar.polarisation import linear_parts
 from sarmitsuba.scene.materials.map_materials import with_parts
 from sarmitsuba.signal.focusing.windows import Window, parse_window
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.tracing.kernel.accumulators import rounded_size
 from sarmitsuba.tracing.kernel.intersector import query_ray

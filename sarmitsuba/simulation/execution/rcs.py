@@ -10,10 +10,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.arrays import C128, F64, all_finite
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import RadarError, SarmitsubaWarning
-from sarmitsuba.core.finite import all_finite
 from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
 from sarmitsuba.effects.flags import KernelFlags

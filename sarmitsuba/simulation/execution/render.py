@@ -21,7 +21,7 @@ from sarmitsuba.signal.focusing import focus
 from sarmitsuba.signal.focusing.autofocus import Autofocuser
 from sarmitsuba.signal.focusing.focuser import DEFAULT, Focuser
 from sarmitsuba.signal.focusing.windows import Window
-from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw.raw_data import RawData
 from sarmitsuba.simulation.execution.batches import Workers
 from sarmitsuba.simulation.execution.fingerprint import fingerprint
@@ -330,7 +330,7 @@ def simulate(
     state : file of finished blocks of pulses, from which an interrupted run continues with the same bits; remove it
         when the data are stored. None: no file
     run_hash : hash of the blocks in ``state``; default: that of the scene, its settings and the program
-    workers : workers that share the tracing, such as :class:`sarmitsuba.apps.cluster.dask_workers.DaskWorkers`; the
+    workers : workers that share the tracing, such as :class:`sarmitsuba.apps.cluster.DaskWorkers`; the
         result has the same bits
 
     Returns

@@ -12,9 +12,9 @@ from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.machine.exclusive import take_threads
-from sarmitsuba.scene.endless_ground import with_endless_ground
+from sarmitsuba.scene.ground import with_endless_ground
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.simulation.execution.batches import TraceJob, Workers, built
 from sarmitsuba.simulation.execution.finished import FinishedBlocks
 from sarmitsuba.simulation.execution.layers import LayerPlan

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.arrays import C128, F64, all_finite
 from sarmitsuba.core.errors import RadarError, ResourceError
-from sarmitsuba.core.finite import all_finite
 from sarmitsuba.core.progress import Progress
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.effects.flags import KernelFlags

@@ -1,9 +1,8 @@
 """Stages: the action of an effect in the trace kernel. The kernel calls the stages of the effects that are on.
 
-The kernel itself (:mod:`sarmitsuba.tracing.kernel.kernel`) has the bounce, the physical-optics and diffuse returns, and
-the
-branching at slabs. A stage modifies their results: the fields of a ray at launch, at a hit and after reflection, the
-coherent return, and every echo of every source. Stages that are off are not recorded and cost nothing.
+The kernel itself (:mod:`sarmitsuba.tracing.kernel.kernel`) has the bounce, the physical-optics and diffuse returns,
+and the branching at slabs. A stage modifies their results: the fields of a ray at launch, at a hit and after
+reflection, the coherent return, and every echo of every source. Stages that are off are not recorded and cost nothing.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 r"""Round wires, rails and posts in closed form: infinite circular cylinder, finite line, post on a half space.
 
-Amplitudes are sqrt(sigma) in metres with the sign and phase of :mod:`sarmitsuba.truth.theory.canonical_rcs`: a plate at
-normal
-incidence is real and positive, and a wave scattered with amplitude S is :math:`-j S e^{-j k r} / (\sqrt{4 \pi} r)`
-times the incoming one. Time convention exp(+j w t). Every order of the series is matched at the cylinder's surface by a
-linear system, nothing is expanded: the package's own coefficients are written otherwise (``materials``, ``trace``).
+Amplitudes are sqrt(sigma) in metres with the sign and phase of :mod:`sarmitsuba.truth.theory.canonical_rcs`: a plate
+at normal incidence is real and positive, and a wave scattered with amplitude S is :math:`-j S e^{-j k r} / (\sqrt{4
+\pi} r)` times the incoming one. Time convention exp(+j w t). Every order of the series is matched at the cylinder's
+surface by a linear system, nothing is expanded: the package's own coefficients are written otherwise (``materials``,
+``trace``).
 """
 
 import numpy as np

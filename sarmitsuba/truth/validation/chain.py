@@ -15,15 +15,15 @@ from sarmitsuba.core.units import db_from_power
 from sarmitsuba.loading import tables
 from sarmitsuba.radar.builder import build_radar
 from sarmitsuba.radar.description import RadarInput
-from sarmitsuba.radar.extent import Extent
+from sarmitsuba.radar.image_request import Extent
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.signal.focusing import focus
-from sarmitsuba.signal.image.metrics import point_target_in
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
+from sarmitsuba.signal.metrics import point_target_in
 from sarmitsuba.signal.raw.chirp import to_chirped
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth.validation import targets

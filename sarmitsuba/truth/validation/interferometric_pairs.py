@@ -5,14 +5,15 @@ from typing import Literal
 
 import numpy as np
 
-from sarmitsuba.analysis.interferometry import Interferogram, interferogram, second_pass
+from sarmitsuba.analysis.baseline import second_pass
+from sarmitsuba.analysis.interferometry import Interferogram, interferogram
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import default_grid, focus
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.raw.noise import add_noise
 from sarmitsuba.signal.raw.raw_data import RawData
 from sarmitsuba.simulation.execution.render import simulate
@@ -180,7 +181,7 @@ def pair_of(
     meshes : see `RadarSetting.parallelogram`; materials are taken in turn where there are several
     extent : of the image, m
     materials : of the meshes
-    relief, baseline, passes : as for `sarmitsuba.analysis.interferometry.second_pass`
+    relief, baseline, passes : as for `sarmitsuba.analysis.baseline.second_pass`
     window : in azimuth and range
     days : from the first pass to the second
     """

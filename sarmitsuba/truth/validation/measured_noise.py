@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing import focus
 from sarmitsuba.signal.focusing.ideal import ideal_echoes
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.raw.noise import add_noise
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
 

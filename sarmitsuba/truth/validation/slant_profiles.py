@@ -10,7 +10,7 @@ from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from sarmitsuba.truth.validation import targets
 from sarmitsuba.truth.validation.chain import Parameter, make_scene, track_distance
 

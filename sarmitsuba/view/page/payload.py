@@ -1,4 +1,11 @@
-"""Content of a page: scene, radar passes and images."""
+"""Content of a page: scene, radar passes and images.
+
+Labels of an image for the page: a number for the colour of each pixel, and shares.
+
+Side lobes of the impulse response, by which a page tells a weak pixel from its bright neighbour's spill.
+
+Content of the page of an RCS sweep: target, RCS over aspect, and image.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -6,22 +13,142 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import C64, F64
+from sarmitsuba.core.arrays import C64, F64, U8
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.radar.mode import MODES
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.image.calibration import backscatter
-from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.focusing.windows import Window, parse_window
+from sarmitsuba.signal.image import ImageGrid, SarImage, backscatter
+from sarmitsuba.signal.pixel_labels import LabelLayer, Labels
+from sarmitsuba.simulation.execution.far_field import target_middle
 from sarmitsuba.simulation.execution.path_table import KINDS
+from sarmitsuba.simulation.execution.turntable import RcsSweep
 from sarmitsuba.version import __version__
 from sarmitsuba.view.display import has_clutter, limits_db
 from sarmitsuba.view.page.gltf import PageMesh, drawn, page_mesh
-from sarmitsuba.view.page.labelled_pixels import labels_payload
 from sarmitsuba.view.page.paths import PagePaths, page_paths
 from sarmitsuba.view.page.quantised_profiles import page_grid, page_profiles
 from sarmitsuba.view.page.run_folder import RunFolder
-from sarmitsuba.view.page.side_lobes import side_lobes
+from sarmitsuba.view.polar import POLAR_FROM
+
+PixelLabels = Mapping[str, str | Sequence[str] | Sequence[float] | NDArray[np.generic]]
+
+# colours of the page; further codes, the least frequent ones, share the last
+MOST_NAMES = 40
+_OTHERS = "others"
+
+
+def labels_payload(labels: Labels) -> list[PixelLabels]:
+    """Layers of codes and of shares, ready for colouring.
+
+    Returns
+    -------
+    for each layer ``name``, ``description``, ``names`` of the colours, most frequent first, ``share`` of the pixels
+    that have each, and ``values`` (azimuth, range) uint8, place in ``names``. A layer of shares has in addition
+    ``parts`` (azimuth, range, ``part_names``) uint8, in 1/255; its colour is that of the largest, and without any it is
+    ``none``
+    """
+    found: list[PixelLabels] = []
+    for name, layer in labels.layers.items():
+        if layer.codes and not layer.parts and layer.values.dtype.kind in "iu":
+            found.append(_of_codes(name, layer))
+        elif layer.parts and layer.unit in ("", "1") and layer.values.dtype.kind == "f":
+            found.append(_of_shares(name, layer))
+    return found
+
+
+def _of_codes(name: str, layer: LabelLayer) -> PixelLabels:
+    codes, inverse, count = np.unique(layer.values, return_inverse=True, return_counts=True)
+    names = [layer.codes.get(int(code), str(code)) for code in codes]
+    return _ordered(name, layer, names, inverse.reshape(layer.values.shape), count)
+
+
+def _of_shares(name: str, layer: LabelLayer) -> PixelLabels:
+    shares = np.clip(np.nan_to_num(layer.values.astype(np.float64)), 0.0, 1.0)
+    largest = np.where(shares.max(axis=2) > 0.0, shares.argmax(axis=2) + 1, 0)
+    count = np.bincount(largest.reshape(-1), minlength=len(layer.parts) + 1)
+    found = _ordered(name, layer, ["none", *layer.parts], largest, count)
+    quantised: U8 = np.round(255.0 * shares).astype(np.uint8)
+    return {**found, "part_names": list(layer.parts), "parts": quantised}
+
+
+def _ordered(
+    name: str,
+    layer: LabelLayer,
+    names: Sequence[str],
+    places: NDArray[np.integer],
+    count: NDArray[np.integer],
+) -> PixelLabels:
+    """Names in the order of their pixels, the rare ones as one."""
+    order = np.argsort(-count, kind="stable")
+    order = order[count[order] > 0]
+    rank = np.zeros(len(names), dtype=np.uint8)
+    rank[order] = np.minimum(np.arange(len(order)), MOST_NAMES - 1)
+    shown = [names[i] for i in order[:MOST_NAMES]]
+    share = (count[order] / max(int(count.sum()), 1)).tolist()
+    if len(order) > MOST_NAMES:
+        shown[-1] = _OTHERS
+        share = [*share[: MOST_NAMES - 1], sum(share[MOST_NAMES - 1 :])]
+    return {
+        "name": name,
+        "description": layer.description,
+        "names": shown,
+        "share": share,
+        "values": rank[places],
+    }
+
+
+# cells along each axis over which side lobes are followed, and most pixels
+_REACH, _MOST = 24.0, 160
+# samples of a window, and of its transform in a cell
+_SAMPLES, _FINE = 512, 32
+
+
+def side_lobes(image: SarImage, range_window: str, azimuth_window: str) -> dict[str, NDArray[np.generic]]:
+    """Greatest amplitudes of the impulse response so many pixels from its peak or further, relative to the peak.
+
+    Parameters
+    ----------
+    image : of which the cells and the pixels count
+    range_window, azimuth_window : with which it was focused
+
+    Returns
+    -------
+    ``azimuth`` and ``range``, (n,) float32 from 0 pixels on, falling
+
+    Notes
+    -----
+    The response is the product of the windows' transforms along the image's axes. Ignores squint, which turns the
+    side lobes of range, and the shape of the band of wide apertures.
+    """
+    grid = image.grid
+    range_cell = image.range_resolution_cell
+    if grid.kind == "ground":
+        range_cell /= float(np.sin(np.median(image.incidence_angle)))
+    cells = {
+        "azimuth": (image.azimuth_resolution_cell, grid.azimuth_spacing, azimuth_window),
+        "range": (range_cell, grid.range_spacing, range_window),
+    }
+    return {
+        name: _envelope(parse_window(text), cell, spacing).astype(np.float32)
+        for name, (cell, spacing, text) in cells.items()
+    }
+
+
+def _envelope(window: Window, cell: float, spacing: float) -> F64:
+    """Envelope at every pixel; ``cell`` is the noise-equivalent width."""
+    own = cell / window.broadening  # the width without a window
+    count = int(np.clip(np.ceil(_REACH * own / spacing), 1, _MOST))
+    pixels = np.arange(count + 1)
+    away = np.arange(0.0, (count + 1) * spacing / own + 2.0, 1.0 / _FINE)
+    places = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
+    weights = window(places)
+    response = np.abs(np.cos(2.0 * np.pi * np.outer(away, places)) @ weights) / weights.sum()
+    falling = np.maximum.accumulate(response[::-1])[::-1]
+    # the peak may be half a pixel nearer
+    return np.asarray(np.interp(np.maximum(pixels - 0.5, 0.0) * spacing / own, away, falling))
+
 
 # text, numbers and arrays, nested; arrays are stored as binary
 Value = Mapping[str, "Value"] | Sequence["Value"] | NDArray[np.generic] | str | int | float | bool | None
@@ -289,4 +416,69 @@ def _paths(paths: PagePaths, scene: Scene, center: F64, channel: str) -> dict[st
         "points": points.astype(np.float32),
         "material": table.material[there].astype(np.int16),
         "mesh": table.shape[there].astype(np.int32),
+    }
+
+
+PAGE = "rcs.html"
+
+
+def rcs_payload(scene: Scene, sweep: RcsSweep, image: SarImage | None) -> dict[str, Value]:
+    """Content of the page of an RCS sweep.
+
+    Parameters
+    ----------
+    scene : the target
+    sweep : its RCS, shown unrounded
+    image : made from the sweep's arc, with the same channels; None: no image
+    """
+    middle, radius = target_middle(scene)
+    center = middle + scene.offset
+    geometry, _ = drawn(scene)
+    lowest = scene.geometry.bounds[0, 2] if scene.geometry.n_faces else middle[2] - radius
+    angles = [np.degrees(sweep.aspects.azimuth), np.degrees(sweep.aspects.elevation)]
+    by_elevation = not sweep.aspects.by_azimuth and angles[0].size > 1
+    return {
+        "title": scene.name,
+        "version": __version__,
+        "center": center,
+        "radius": max(radius, 1e-3),
+        "below": float(middle[2] - lowest),
+        "scenes": [scene_payload(scene, page_mesh(geometry, center), center)],
+        "frequency": sweep.frequency,
+        "swept": "elevation" if by_elevation else "azimuth",
+        "polar": bool(np.ptp(angles[by_elevation]) >= POLAR_FROM),
+        "whole": sweep.aspects.whole_circle,
+        "azimuth": angles[0],
+        "elevation": angles[1],
+        "channels": [_channel(sweep, name) for name in sweep.result.channels],
+        "statement": {"text": sweep.statement.text, "warning": sweep.statement.warning},
+        "image": None if image is None else _image(image, sweep, center),
+    }
+
+
+def _channel(sweep: RcsSweep, name: str) -> dict[str, Value]:
+    """Curves of one polarisation, dB above 1 m^2, and the phase of their sum, deg."""
+    i = sweep.result.channels.index(name)
+    error = sweep.error_db[i]
+    return {
+        "name": name,
+        "error": error if np.isfinite(error) else None,
+        "total": sweep.dbsm(name),
+        "phase": np.degrees(np.angle(sweep.total[:, i])),
+        "orders": [{"order": order, "dbsm": sweep.dbsm(name, order)} for order in sweep.orders],
+    }
+
+
+def _image(image: SarImage, sweep: RcsSweep, center: F64) -> dict[str, Value]:
+    """Image of every channel; axes from the target's centre, or x and y of the file for a full circle."""
+    grid = image.grid.in_frame(np.zeros(3))
+    pixels = nested(*page_grid(image.grid))
+    origin = grid.origin * [1.0, 1.0, 0.0] - (0.0 if sweep.aspects.whole_circle else center)
+    pixels["azimuth"] = grid.azimuth + float(origin @ grid.along)
+    pixels["range"] = grid.across_distance() + float(origin @ grid.across)
+    return {
+        "grid": grid_payload(grid, center),
+        "pixels": pixels,
+        # radar cross section of points, not sigma0 of areas
+        "channels": [image_payload(image, name) | {"cell_area": None} for name in sweep.result.channels],
     }

@@ -11,8 +11,7 @@ from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import beam_turn, flight
 from sarmitsuba.signal.focusing.windows import Window, parse_window
-from sarmitsuba.signal.image.sar_image import ImageGrid
-from sarmitsuba.signal.image.shown_axes import ShownAxes
+from sarmitsuba.signal.image import ImageGrid, ShownAxes
 from sarmitsuba.signal.raw.pulse_motion import standing_still
 from sarmitsuba.signal.raw.raw_data import RawData
 
@@ -253,7 +252,7 @@ def page_grid(grid: ImageGrid) -> tuple[Header, Arrays]:
         of ``azimuth`` and ``range``, as in pictures)
     arrays : ``rows``, ``columns`` (float64, m along and across from ``origin``), ``azimuth``, ``range`` (float64, m, as
         pictures count them: on the ground in coordinates of the scene, see
-        :class:`sarmitsuba.signal.image.shown_axes.ShownAxes`)
+        :class:`sarmitsuba.signal.image.ShownAxes`)
     """
     center, axes = page_center(grid), ShownAxes.of(grid)
     across, up = axes.shown(grid.azimuth, grid.range)

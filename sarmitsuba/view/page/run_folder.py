@@ -16,8 +16,8 @@ from sarmitsuba.machine.encoding import Json, json_value
 from sarmitsuba.machine.regular_files import read_text
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.range_compression import COMPRESSIONS, range_compress
-from sarmitsuba.signal.image.labels import Labels
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
+from sarmitsuba.signal.pixel_labels import Labels
 from sarmitsuba.signal.raw.raw_data import RawData
 from sarmitsuba.simulation.execution.fingerprint import shapes_hash
 

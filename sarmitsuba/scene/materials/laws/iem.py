@@ -16,7 +16,7 @@ from sarmitsuba.scene.materials.diffuse_law import (
 )
 from sarmitsuba.scene.materials.fresnel import refracted_cosine
 from sarmitsuba.scene.materials.laws.small_slope import small_slope_spectrum
-from sarmitsuba.scene.materials.roughness_spectrum import Correlation, roughness_spectrum
+from sarmitsuba.scene.materials.rough_surface import Correlation, roughness_spectrum
 
 # largest k s of the series; its length grows with (k s)^2, and the model is valid up to about 3
 _LARGEST_ROUGHNESS = 100.0

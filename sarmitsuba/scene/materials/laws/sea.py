@@ -6,7 +6,6 @@ import numpy as np
 
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.parameters import Param
-from sarmitsuba.scene.materials.bragg import bragg_amplitudes
 from sarmitsuba.scene.materials.diffuse_law import (
     LAWS,
     DiffuseLaw,
@@ -15,6 +14,7 @@ from sarmitsuba.scene.materials.diffuse_law import (
     WindWaves,
     permittivity_of,
 )
+from sarmitsuba.scene.materials.rough_surface import bragg_amplitudes
 from sarmitsuba.scene.materials.sea_spectrum import SeaState
 
 # cut-off of the two-scale model, share of the radar's wavenumber: longer waves tilt the shorter ones; a third to a

@@ -3,7 +3,6 @@
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.scene.materials.bragg import bragg_factors
 from sarmitsuba.scene.materials.diffuse_law import (
     LAWS,
     DiffuseLaw,
@@ -12,7 +11,7 @@ from sarmitsuba.scene.materials.diffuse_law import (
     correlation_length_of,
     permittivity_of,
 )
-from sarmitsuba.scene.materials.roughness_spectrum import Correlation, roughness_spectrum
+from sarmitsuba.scene.materials.rough_surface import Correlation, bragg_factors, roughness_spectrum
 
 
 def small_perturbation_sigma0(

@@ -5,7 +5,6 @@ import scipy
 
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import SceneError
-from sarmitsuba.scene.materials.bragg import bragg_factors
 from sarmitsuba.scene.materials.diffuse_law import (
     LAWS,
     DiffuseLaw,
@@ -14,7 +13,7 @@ from sarmitsuba.scene.materials.diffuse_law import (
     correlation_length_of,
     permittivity_of,
 )
-from sarmitsuba.scene.materials.roughness_spectrum import roughness_spectrum
+from sarmitsuba.scene.materials.rough_surface import bragg_factors, roughness_spectrum
 
 # Largest k s of the series, whose length grows with (k s)^2
 _LARGEST_ROUGHNESS = 100.0

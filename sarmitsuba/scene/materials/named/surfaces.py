@@ -1,8 +1,20 @@
-"""Surfaces by their everyday names: the permittivity of a material, with a roughness and clutter level of their own."""
+"""Named materials: surfaces by their everyday names, panes, conductors, plastics, wood.
+
+Surfaces by their everyday names: the permittivity of a material, with a roughness and clutter level of their own.
+
+Window glass slabs.
+
+Perfect electric conductor.
+
+Ordinary plastics.
+
+Permittivity of living wood, for trunks, from its moisture.
+"""
 
 from dataclasses import dataclass
 
 from sarmitsuba.scene.materials.named_materials import MATERIALS, ConstantMaterial, NamedMaterial, Typical
+from sarmitsuba.scene.materials.vegetation.canopy import plant_permittivity
 
 
 @dataclass(frozen=True)
@@ -50,3 +62,79 @@ for _name, _base, _typical in (
     MATERIALS.register(NamedSurface(_name, f"permittivity of {_base}", _base, _typical))
 # eps' = 1 + 1.9 rho, rho in g/cm3 (Hallikainen, Ulaby and Abdelrazik, IEEE Trans. AP 34 (11) 1986)
 MATERIALS.register(Snow("snow", "dry snow of 0.35 g/cm3 (Hallikainen et al. 1986)", 1.67 - 0.001j))
+
+
+@dataclass(frozen=True)
+class GlassSlab(NamedMaterial):
+    """Slab of glass of ITU-R P.2040.
+
+    Parameters
+    ----------
+    name, title, thickness, sheet_resistance : see `NamedMaterial`
+    """
+
+    name: str
+    title: str
+    thickness: float
+    sheet_resistance: float = 0.0
+
+    def permittivity(self, frequency: float) -> complex:
+        """See the class."""
+        return MATERIALS["glass"].permittivity(frequency)
+
+    def note(self, frequency: float) -> str:
+        """Note of glass."""
+        return MATERIALS["glass"].note(frequency)
+
+
+MATERIALS.register(GlassSlab("window_glass", "single glazing, 4 mm of ITU-R P.2040's glass", 0.004))
+# hard coatings of tin oxide have about 15 ohm per square, soft ones of silver 2 to 6
+MATERIALS.register(
+    GlassSlab("low_e_glass", "single glazing with a silver coating of 4 ohm per square", 0.004, 4.0)
+)
+
+
+class PerfectConductor(NamedMaterial):
+    """Perfect electric conductor: total reflection at every angle."""
+
+    name = "pec"
+    title = "perfect electric conductor"
+    pec = True
+
+    def permittivity(self, frequency: float) -> complex:
+        """Not used: the limit is taken analytically."""
+        return 1.0 + 0.0j
+
+
+MATERIALS.register(PerfectConductor())
+
+
+MATERIALS.register(ConstantMaterial("plastic", "polyethylene and similar", 2.25 - 0.01j))
+
+
+@dataclass(frozen=True)
+class PlantMaterial(NamedMaterial):
+    """Plant matter of one moisture, see :func:`sarmitsuba.scene.materials.vegetation.canopy.plant_permittivity`.
+
+    Parameters
+    ----------
+    name, title : see `NamedMaterial`
+    moisture : gravimetric
+    """
+
+    name: str
+    title: str
+    moisture: float
+
+    def permittivity(self, frequency: float) -> complex:
+        """See the class."""
+        return plant_permittivity(self.moisture, frequency)
+
+    def note(self, frequency: float) -> str:
+        """Warning outside the measured band."""
+        if 0.2e9 <= frequency <= 20e9:
+            return ""
+        return f"Ulaby & El-Rayes measured plants from 0.2 to 20 GHz; extrapolated to {frequency / 1e9:g} GHz"
+
+
+MATERIALS.register(PlantMaterial("fresh_wood", "living wood, half of it water (Ulaby & El-Rayes 1987)", 0.5))

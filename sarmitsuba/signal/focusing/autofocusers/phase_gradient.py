@@ -7,9 +7,14 @@ import numpy as np
 import scipy.fft
 
 from sarmitsuba.core.arrays import C64, F64
-from sarmitsuba.signal.focusing.autofocus import AUTOFOCUSERS, Autofocuser, AutofocusTask, without_trend
-from sarmitsuba.signal.focusing.histories import pulse_contributions
-from sarmitsuba.signal.focusing.options import option
+from sarmitsuba.signal.focusing.autofocus import (
+    AUTOFOCUSERS,
+    Autofocuser,
+    AutofocusTask,
+    pulse_contributions,
+    without_trend,
+)
+from sarmitsuba.signal.focusing.focuser import option
 
 # part of the peak, in power, at which the mean blur ends, and what its width is multiplied by (Wahl)
 _EDGE, _WIDEN = 0.1, 1.5
@@ -25,7 +30,7 @@ _SMALL = 0.05
 class PhaseGradient(Autofocuser):
     r"""Phase gradient autofocus.
 
-    The brightest pixels' phase histories (:func:`sarmitsuba.signal.focusing.histories.pulse_contributions`), low-pass
+    The brightest pixels' phase histories (:func:`sarmitsuba.signal.focusing.autofocus.pulse_contributions`), low-pass
     filtered to the width of the blur, give the maximum-likelihood estimate of the error's gradient over the pulses,
 
     .. math:: \dot\phi_t = \arg \sum_p g_{p,t}^* \, g_{p,t+1} \, e^{-j s_p}

@@ -8,10 +8,15 @@ import numpy as np
 import scipy
 
 from sarmitsuba.core.arrays import C64, F64
-from sarmitsuba.signal.focusing.autofocus import AUTOFOCUSERS, Autofocuser, AutofocusTask, without_trend
+from sarmitsuba.signal.focusing.autofocus import (
+    AUTOFOCUSERS,
+    Autofocuser,
+    AutofocusTask,
+    pulse_contributions,
+    without_trend,
+)
 from sarmitsuba.signal.focusing.autofocusers.phase_gradient import PhaseGradient
-from sarmitsuba.signal.focusing.histories import pulse_contributions
-from sarmitsuba.signal.focusing.options import option
+from sarmitsuba.signal.focusing.focuser import option
 
 # (pixel, pulse) pairs that are kept: 16 MB
 _PAIRS = 1 << 21
@@ -27,11 +32,10 @@ class _Sharpness(Autofocuser):
     r"""Range error as the sum of Legendre polynomials over the pulses that gives the sharpest image.
 
     The orders begin with the second. Pixels are sums of every pulse's contribution,
-    :math:`I_p = |\sum_t b_{pt} e^{j \phi_t}|^2` (:func:`sarmitsuba.signal.focusing.histories.pulse_contributions`),
-    along
-    whole azimuth lines at the brightest range columns. The measure's gradient is exact; the search is quasi-Newton
-    (L-BFGS), from low orders to high ones. Sharpness has many local optima once the error passes about a radian, so
-    that the search starts from a few rounds of
+    :math:`I_p = |\sum_t b_{pt} e^{j \phi_t}|^2` (:func:`sarmitsuba.signal.focusing.autofocus.pulse_contributions`),
+    along whole azimuth lines at the brightest range columns. The measure's gradient is exact; the search is
+    quasi-Newton (L-BFGS), from low orders to high ones. Sharpness has many local optima once the error passes about a
+    radian, so that the search starts from a few rounds of
     :class:`sarmitsuba.signal.focusing.autofocusers.phase_gradient.PhaseGradient`; ``start=0`` starts from the recorded
     track.
 

@@ -17,7 +17,7 @@ from sarmitsuba.signal.focusing.backprojection_kernel import AXES_STRIDE, Apertu
 from sarmitsuba.signal.focusing.factorised.kernels import sum_weights
 from sarmitsuba.signal.focusing.summed_weights import SummedWeights, sum_at_nodes
 from sarmitsuba.signal.focusing.windows import WINDOWS, Window
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 
 # nodes of the azimuth window over a pixel's own aperture
 _WINDOW_NODES = 1025

@@ -13,8 +13,7 @@ import numpy as np
 
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.machine.backend import device_array, dr
-from sarmitsuba.signal.focusing.backprojection_kernel import Weighting
-from sarmitsuba.signal.focusing.device_complex import times
+from sarmitsuba.signal.focusing.backprojection_kernel import Weighting, times
 from sarmitsuba.signal.focusing.factorised.division import SubimageLevel
 from sarmitsuba.signal.focusing.factorised.polar_lanes import (
     ANGLES,

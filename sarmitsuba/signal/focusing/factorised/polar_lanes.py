@@ -16,9 +16,11 @@ from sarmitsuba.core.arrays import F64
 from sarmitsuba.machine.backend import device_array, dr
 from sarmitsuba.signal.focusing.backprojection_kernel import (
     Weighting,
+    cis,
     dot,
+    scaled,
+    times,
 )
-from sarmitsuba.signal.focusing.device_complex import cis, scaled, times
 from sarmitsuba.signal.focusing.factorised.division import Section, SubimageLevel
 from sarmitsuba.signal.raw.gridding import GriddingKernel
 

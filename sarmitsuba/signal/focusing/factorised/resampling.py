@@ -7,7 +7,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from sarmitsuba.machine.backend import dr
-from sarmitsuba.signal.focusing.device_complex import cis, scaled, times
+from sarmitsuba.signal.focusing.backprojection_kernel import cis, scaled, times
 from sarmitsuba.signal.focusing.factorised.kernels import packed, unpacked
 from sarmitsuba.signal.focusing.factorised.polar_lanes import PolarAxes
 from sarmitsuba.signal.focusing.factorised.sampling import TAPS, row_polynomials

@@ -22,7 +22,7 @@ from sarmitsuba.signal.focusing.factorised.sampling import (
     choose_sampling,
 )
 from sarmitsuba.signal.focusing.windows import Window
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 
 # samples kept beyond the image: taps of the last interpolation, and the decay of its correction at the ends
 GUARD = CORRECTION + 4

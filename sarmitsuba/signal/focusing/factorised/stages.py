@@ -24,7 +24,7 @@ from sarmitsuba.signal.focusing.factorised.resampling import Pixels, along_rows,
 from sarmitsuba.signal.focusing.factorised.sampling import CORRECTION, SubimageSampling, correction
 from sarmitsuba.signal.focusing.profiles import MOST_BEYOND, ProfilePlan
 from sarmitsuba.signal.focusing.windows import Window
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.raw.raw_data import RawData
 
 # bytes of profiles at a time

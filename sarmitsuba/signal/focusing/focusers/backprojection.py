@@ -6,9 +6,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sarmitsuba.core.arrays import C64, C128, F64
+from sarmitsuba.core.arrays import C64, C128, F64, LinearMap
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
-from sarmitsuba.core.linear_map import LinearMap
 from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import (
@@ -19,13 +18,22 @@ from sarmitsuba.signal.focusing.aperture_weights import (
     image_places,
     matched_weights,
 )
-from sarmitsuba.signal.focusing.focuser import CALL_SECONDS, FOCUSERS, Focused, Focuser, FocusTask, option
-from sarmitsuba.signal.focusing.memory_needs import backprojection_bytes
-from sarmitsuba.signal.focusing.pixel_lines import (
+from sarmitsuba.signal.focusing.focuser import (
+    CALL_SECONDS,
+    FOCUSERS,
+    Focused,
+    Focuser,
+    FocusTask,
+    backprojection_bytes,
+    option,
+)
+from sarmitsuba.signal.focusing.pixel_tiles import (
+    TILE_PIXELS,
+    TiledImaging,
+    Tiles,
     may_leave_window,
     plan_line,
 )
-from sarmitsuba.signal.focusing.pixel_tiles import TILE_PIXELS, TiledImaging, Tiles
 from sarmitsuba.signal.focusing.profiles import (
     INTERPOLATIONS,
     parse_interpolation,
@@ -33,7 +41,7 @@ from sarmitsuba.signal.focusing.profiles import (
     plan_spectrum,
 )
 from sarmitsuba.signal.focusing.windows import Window, parse_window
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.raw.raw_data import RawData
 
 # relative time of a pixel and pulse: single; on a line; and per node of the line; unit: a line of 32 pixels and 10

@@ -8,13 +8,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from sarmitsuba.core.arrays import C64, F32
+from sarmitsuba.core.arrays import C64, F32, LinearMap
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.core.linear_map import LinearMap
 from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import DARK, matched_weights
-from sarmitsuba.signal.focusing.factorised.adjoint_stages import adjoint_plan
+from sarmitsuba.signal.focusing.factorised.adjoint import adjoint_plan
 from sarmitsuba.signal.focusing.factorised.division import Plan
 from sarmitsuba.signal.focusing.factorised.image_weights import alike, image_weights, pulse_weights
 from sarmitsuba.signal.focusing.factorised.sampling import MARGIN_DB, UPSAMPLING
@@ -23,15 +22,15 @@ from sarmitsuba.signal.focusing.factorised.stages import Job, image_reference, m
 from sarmitsuba.signal.focusing.focuser import (
     ERROR_DB,
     FOCUSERS,
+    PIXEL,
     Focused,
     Focuser,
     FocusTask,
     option,
 )
-from sarmitsuba.signal.focusing.memory_needs import PIXEL
 from sarmitsuba.signal.focusing.profiles import ProfilePlan, plan_profiles
 from sarmitsuba.signal.focusing.windows import Window, parse_window
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 
 # layers that share one evaluation of the geometry
 _MAX_LAYERS = 2

@@ -30,8 +30,8 @@ from sarmitsuba.signal.focusing.frequency_domain.rows import RangeLaw, RowsImagi
 from sarmitsuba.signal.focusing.frequency_domain.stated import stated_error_db
 from sarmitsuba.signal.focusing.frequency_domain.track_geometry import track_refusal
 from sarmitsuba.signal.focusing.windows import Window, parse_window
-from sarmitsuba.signal.image.sar_image import ImageGrid
-from sarmitsuba.signal.raw.phasor import unit_phasor
+from sarmitsuba.signal.image import ImageGrid
+from sarmitsuba.signal.raw.gridding import unit_phasor
 from sarmitsuba.signal.raw.raw_data import RawData
 
 

@@ -8,9 +8,8 @@ import scipy
 import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.core.arrays import C64, C128, F64, I64
+from sarmitsuba.core.arrays import C64, C128, F64, I64, LinearMap
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.core.linear_map import LinearMap
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import (
     aperture_weights,
@@ -22,7 +21,7 @@ from sarmitsuba.signal.focusing.aperture_weights import (
 from sarmitsuba.signal.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask
 from sarmitsuba.signal.focusing.profiles import plan_spectrum
 from sarmitsuba.signal.focusing.windows import Window
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.raw.gridding import gridding_kernel
 
 # taps of both kernels, polar samples onto the wavenumber grid and image onto the pixels; rms error of each, dB, is

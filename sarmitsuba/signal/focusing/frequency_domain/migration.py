@@ -15,7 +15,7 @@ from sarmitsuba.signal.focusing.frequency_domain.track_geometry import (
     track_geometry,
     track_refusal,
 )
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 
 # directions with less than this share of the strongest two-way gain are ignored in the residual phase
 _WEAK = 0.05

@@ -15,7 +15,7 @@ from sarmitsuba.signal.focusing.frequency_domain.track_geometry import (
     track_geometry,
 )
 from sarmitsuba.signal.focusing.frequency_domain.weights import NODES
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 
 # bytes of a slant pixel: while its calibration is made in float64, that calibration, and its product with a layer
 _PLANNED, _CALIBRATION, _SCALED = 33, 8, 20

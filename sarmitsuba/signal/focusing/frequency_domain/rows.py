@@ -7,9 +7,8 @@ Every one of them makes
           \quad k = 4 \pi (f_c + f) / c, \quad k_y = \sqrt{k^2 - k_x^2},
 
 from the data's spectrum S over track and fast time, and they differ in how they evaluate, or approximate, the sum over
-k.
-It is the sum of :func:`sarmitsuba.signal.focusing.focusers.backprojection.backproject` (its weights :math:`R^2 e^{jkR}`
-transformed over the track by stationary phase), so that all give the same complex pixels.
+k. It is the sum of :func:`sarmitsuba.signal.focusing.focusers.backprojection.backproject` (its weights :math:`R^2
+e^{jkR}` transformed over the track by stationary phase), so that all give the same complex pixels.
 """
 
 import os
@@ -22,9 +21,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.fft
 
-from sarmitsuba.core.arrays import C64, F64, I64
+from sarmitsuba.core.arrays import C64, F64, I64, LinearMap
 from sarmitsuba.core.errors import DataError, SarmitsubaWarning
-from sarmitsuba.core.linear_map import LinearMap
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.focuser import FocusTask
 from sarmitsuba.signal.focusing.frequency_domain.aperture_filter import ApertureFilter, aperture_filter
@@ -42,11 +40,11 @@ from sarmitsuba.signal.focusing.frequency_domain.track_geometry import (
     wavenumber,
 )
 from sarmitsuba.signal.focusing.frequency_domain.weights import normalisation, pulse_weights
-from sarmitsuba.signal.focusing.ground import RangeInterpolation, slant_ranges
+from sarmitsuba.signal.focusing.grid import RangeInterpolation, slant_ranges
 from sarmitsuba.signal.focusing.profiles import plan_spectrum
 from sarmitsuba.signal.focusing.windows import Window
-from sarmitsuba.signal.image.sar_image import ImageGrid
-from sarmitsuba.signal.raw.phasor import phase_ramp, unit_phasor
+from sarmitsuba.signal.image import ImageGrid
+from sarmitsuba.signal.raw.gridding import phase_ramp, unit_phasor
 
 # Doppler band of the image over the PRF above which a warning about azimuth aliasing is given
 _FOLDED = 1.05

@@ -21,7 +21,7 @@ from sarmitsuba.signal.focusing.frequency_domain.track_geometry import (
 from sarmitsuba.signal.focusing.frequency_domain.weights import filter_gain, pulse_weights
 from sarmitsuba.signal.focusing.profiles import plan_spectrum
 from sarmitsuba.signal.focusing.windows import parse_window
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 
 # common error, dB: ripple of the pulses' ends where the pulse rate is raised, stationary phase
 _FLOOR_DB = -58.0

@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.core.arrays import F64, I64
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import direction_gain, look_directions
-from sarmitsuba.signal.focusing.ground import slant_below, slant_ranges
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.focusing.grid import slant_below, slant_ranges
+from sarmitsuba.signal.image import ImageGrid
 
 # largest part of the (raised) PRF that the image's Doppler band may take: the rest is for the ripple at its edges
 _BAND_FILL = 0.6

@@ -17,7 +17,7 @@ from sarmitsuba.signal.focusing.frequency_domain.track_geometry import (
 )
 from sarmitsuba.signal.focusing.summed_weights import sum_at_nodes
 from sarmitsuba.signal.focusing.windows import Window
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 
 # rows, where only the sampling of the aperture varies along azimuth, and columns at which own apertures are summed
 _OWN_ROWS, _COLUMNS = 9, 33

@@ -10,8 +10,7 @@ from sarmitsuba.core.arrays import C64, F32
 from sarmitsuba.core.constants import SUBSET_SHARES
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.witness import Witness
-from sarmitsuba.signal.image.averaging import sliding_means
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage, sliding_means
 from sarmitsuba.signal.raw.raw_data import Layer
 
 Source = Literal["ray sampling, from two sets of rays", "ray sampling, from passes"]

@@ -16,7 +16,7 @@ from sarmitsuba.core.witness import Witness
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.signal.focusing import default_grid, focus
-from sarmitsuba.signal.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw.noise import add_noise
 from sarmitsuba.signal.raw.raw_data import Layer, RawData, channels_of
 from sarmitsuba.simulation.execution.batches import Workers

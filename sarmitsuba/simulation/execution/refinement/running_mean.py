@@ -17,9 +17,8 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import C64
+from sarmitsuba.core.arrays import C64, check_pulses
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.core.finite import check_pulses
 from sarmitsuba.machine.atomic import atomic_path
 from sarmitsuba.machine.encoding import json_value, to_json
 from sarmitsuba.machine.regular_files import open_regular

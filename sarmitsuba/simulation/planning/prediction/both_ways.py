@@ -23,7 +23,7 @@ from sarmitsuba.effects.effect import EFFECTS, Decision, Effect, effects
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import default_grid, focus
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
 from sarmitsuba.simulation.execution.batches import Batch, BatchTracer
 from sarmitsuba.simulation.execution.blocks import partition

@@ -13,11 +13,17 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.materials.map_materials import with_parts
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import default_grid
-from sarmitsuba.signal.focusing.focuser import DEFAULT, Focuser, parse_focuser
+from sarmitsuba.signal.focusing.focuser import (
+    DEFAULT,
+    PIXEL,
+    Focuser,
+    focusing_bytes,
+    look_bytes,
+    parse_focuser,
+)
 from sarmitsuba.signal.focusing.focusers.backprojection import Backprojection
 from sarmitsuba.signal.focusing.look import look_size
-from sarmitsuba.signal.focusing.memory_needs import PIXEL, focusing_bytes, look_bytes
-from sarmitsuba.signal.image.sar_image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.raw.block import plan_block
 from sarmitsuba.signal.raw.direct import plan_direct
 from sarmitsuba.simulation.execution.layers import LayerPlan

@@ -8,7 +8,7 @@ import numpy as np
 from sarmitsuba.effects.plan import Decision, EffectsPlan
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.machine.memory import in_bytes
-from sarmitsuba.scene.endless_ground import with_endless_ground
+from sarmitsuba.scene.ground import with_endless_ground
 from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.simulation.planning.pilot import plan_scene
 from sarmitsuba.simulation.planning.prediction.both_ways import NOTHING

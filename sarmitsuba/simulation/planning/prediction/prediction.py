@@ -11,7 +11,7 @@ import numpy as np
 from sarmitsuba.core.arrays import C64
 from sarmitsuba.core.timing import Clock, StageTimer
 from sarmitsuba.effects.plan import EffectsPlan
-from sarmitsuba.scene.endless_ground import with_endless_ground
+from sarmitsuba.scene.ground import with_endless_ground
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import default_grid, focus
 from sarmitsuba.signal.focusing.focuser import EXACT
@@ -126,10 +126,9 @@ def predict(
     """Predicted time and memory for simulating and focusing a scene.
 
     First the needs of the run are counted (:mod:`sarmitsuba.simulation.planning.prediction.needs`). For raw data of up
-    to
-    ``MEASURED_MEMORY`` the two blocks of pulses in the middle of the run are traced (which also compiles its kernels),
-    one of them a second time, further ones for the error of blocks, and a sixteenth of the pulses is focused onto the
-    whole image. Otherwise the seconds are those of a model of speed.
+    to ``MEASURED_MEMORY`` the two blocks of pulses in the middle of the run are traced (which also compiles its
+    kernels), one of them a second time, further ones for the error of blocks, and a sixteenth of the pulses is focused
+    onto the whole image. Otherwise the seconds are those of a model of speed.
 
     Parameters
     ----------

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fresnel
 
-from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.boxes import box_of_each
+from sarmitsuba.core.arrays import F64, box_of_each
 from sarmitsuba.scene.scene import Scene
 
 # largest share of rays that ground in front of the image may add to a launch window

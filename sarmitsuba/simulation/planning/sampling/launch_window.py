@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.boxes import box_corners
+from sarmitsuba.core.arrays import F64, box_corners
 from sarmitsuba.core.errors import RadarError
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.track import Track

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.boxes import box_corners
+from sarmitsuba.core.arrays import F64, box_corners
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene

@@ -8,8 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import F64, I64
-from sarmitsuba.core.boxes import box_corners, box_of_each
+from sarmitsuba.core.arrays import F64, I64, box_corners, box_of_each
 from sarmitsuba.tracing.kernel.launch import LaunchFrame, project
 
 # largest length of the parts into which triangles are cut, steps of the lattice: the motion between the antenna

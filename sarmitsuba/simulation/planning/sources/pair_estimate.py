@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import C128, F64
-from sarmitsuba.core.boxes import box_of_each, boxes_meet
+from sarmitsuba.core.arrays import C128, F64, box_of_each, boxes_meet
 from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.machine.backend import dr, mi

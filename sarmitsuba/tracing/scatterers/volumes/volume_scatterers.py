@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64, U32
 from sarmitsuba.machine.backend import dr, mi
-from sarmitsuba.scene.materials.vegetation.medium import NODES
+from sarmitsuba.scene.materials.vegetation.canopy import NODES
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.device_arrays import device_array, vector_rows
 from sarmitsuba.tracing.kernel.intersector import intersector
@@ -22,7 +22,7 @@ from sarmitsuba.tracing.kernel.speckle import gaussian, mix
 from sarmitsuba.tracing.scatterers.water.temporal import Age
 
 if TYPE_CHECKING:
-    from sarmitsuba.scene.materials.vegetation.medium import VolumeMedium
+    from sarmitsuba.scene.materials.vegetation.canopy import VolumeMedium
     from sarmitsuba.scene.volumes import Volume
     from sarmitsuba.tracing.kernel.state import Kernel
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.analysis.link.ambiguity import azimuth_ambiguity_ratio
+from sarmitsuba.analysis.pulse_timing import azimuth_ambiguity_ratio
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.radar.radar import Radar

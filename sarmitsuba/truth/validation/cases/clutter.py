@@ -18,7 +18,7 @@ from sarmitsuba.scene.materials.material import ClassMap, Material, SurfaceMaps
 from sarmitsuba.scene.materials.texture import Bitmap, in_plan
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from sarmitsuba.simulation.execution.render import render
 from sarmitsuba.tracing.kernel.speckle import SurfacePlace
 from sarmitsuba.tracing.kernel.surface_tables import SurfaceTables

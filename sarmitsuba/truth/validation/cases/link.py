@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sarmitsuba.analysis.link import LinkBudget, link_budget
+from sarmitsuba.analysis.link_budget import LinkBudget, link_budget
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.loading.library import list_radars
 from sarmitsuba.loading.load import load_scene

@@ -11,8 +11,8 @@ from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.signal.image.metrics import point_target_in
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
+from sarmitsuba.signal.metrics import point_target_in
 from sarmitsuba.truth.theory import moving as theory
 from sarmitsuba.truth.validation import targets
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry

@@ -14,7 +14,7 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import focus
-from sarmitsuba.signal.image.metrics import point_target_in
+from sarmitsuba.signal.metrics import point_target_in
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry

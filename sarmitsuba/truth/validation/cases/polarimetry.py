@@ -17,7 +17,7 @@ from sarmitsuba.core.arrays import F64
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation import targets
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry

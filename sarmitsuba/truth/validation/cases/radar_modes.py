@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from sarmitsuba.analysis.quality import KnownPoint, image_quality
+from sarmitsuba.analysis.image_quality import image_quality
+from sarmitsuba.analysis.point_quality import KnownPoint
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import focus
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry

@@ -8,7 +8,7 @@ from sarmitsuba.core.units import db_from_power
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.signal.image.metrics import point_target_in
+from sarmitsuba.signal.metrics import point_target_in
 from sarmitsuba.truth.validation import targets
 from sarmitsuba.truth.validation.band_sampling import X_BAND
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry

@@ -8,7 +8,7 @@ from scipy.integrate import simpson
 
 from sarmitsuba.core.arrays import C128, F64
 from sarmitsuba.signal.focusing import focus
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.raw.raw_data import RawData
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth import theory

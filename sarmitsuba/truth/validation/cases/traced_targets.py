@@ -7,7 +7,7 @@ import numpy as np
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.signal.image.metrics import point_target_in
+from sarmitsuba.signal.metrics import point_target_in
 from sarmitsuba.truth.validation import targets
 from sarmitsuba.truth.validation.band_sampling import (
     wavelength,

@@ -10,12 +10,11 @@ from sarmitsuba.loading.build import SceneMesh, SceneVolume, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.materials.named_materials import MATERIALS
-from sarmitsuba.scene.materials.vegetation.canopy import CANOPIES
-from sarmitsuba.scene.materials.vegetation.medium import water_cloud
+from sarmitsuba.scene.materials.vegetation.canopy import CANOPIES, water_cloud
 from sarmitsuba.scene.mesh import tessellate
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import Switch, TraceSettings
-from sarmitsuba.signal.image.sar_image import SarImage
+from sarmitsuba.signal.image import SarImage
 from sarmitsuba.simulation.execution.render import render
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry

@@ -18,7 +18,7 @@ export function rangeAndRate(position, velocity, point) {
 
 /**
  * Point of the plane z = height with this range and rate, on the side of `across`; null: no such point.
- * |P - X| = R and (P - X).v = rate R, as in sarmitsuba/view/page/localise.py.
+ * |P - X| = R and (P - X).v = rate R, as in sarmitsuba/view/page/paths.py.
  */
 export function onPlane(position, velocity, range, rate, height, across) {
   const drop = position[2] - height;

@@ -1,1 +1,0 @@
-"""Calibrated complex images, their radiometry and quality."""
