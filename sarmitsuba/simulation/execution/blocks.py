@@ -364,11 +364,15 @@ class Blocks:
             if half > 0.0 and whole > 0.0:
                 self.growth[channel] = float(np.clip(np.log2(whole / half), GROWTH, MOST_GROWTH))
 
-    def witness(self) -> Witness | None:
+    def witness(self, allowed: float) -> Witness | None:
         """Error of the rays, measured at a few pulses once all is traced; see :mod:`.ray_witness`.
 
         Half of the pulses are drawn evenly along the track and half by their energy, and weighted by the inverse. They
         have the rays of the first: where something moves, these are laid out for another time.
+
+        Parameters
+        ----------
+        allowed : most rays to be traced
         """
         channels = tuple(dict.fromkeys(layer.channel for layer in self.layers))
         own = [layer.channel for layer in self.layers[self.layers_of(0)]]
@@ -391,7 +395,8 @@ class Blocks:
             return np.stack([planes[[c == channel for c in own]].sum(axis=0) for channel in channels])
 
         seed = self.tracer.sampling.scene.settings.seed
-        return witness_rays(profiles, rays, energy.mean(axis=0), self._two_sets_db(pulses), seed)
+        each = allowed / len(pulses)
+        return witness_rays(profiles, rays, energy.mean(axis=0), self._two_sets_db(pulses), seed, each)
 
     def _two_sets_db(self, pulses: NDArray[np.intp]) -> float:
         """Error by the difference of two ray sets at some pulses, worst channel, dB; NaN: there is one set."""

@@ -34,6 +34,7 @@ from sarmitsuba.simulation.execution.refinement.error_bars import estimate_error
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
 from sarmitsuba.simulation.execution.tracing import MAX_LANES, Tracer, polarisation_up
+from sarmitsuba.simulation.planning.prediction.counting import WITNESS_LEAST, WITNESS_SHARE
 from sarmitsuba.simulation.planning.sampling.checks import check_small_parts
 from sarmitsuba.tracing.kernel.launch import LaunchGrid
 from sarmitsuba.tracing.kernel.look_accumulator import ImageAccumulator
@@ -198,7 +199,12 @@ class Imager:
         if has_subsets(layers.layers):
             scatter = max(estimate_error(data, layers.layers, pixels=False).error_db)
         rays, seed = self.rays(pass_index)[0], self.run.scene.settings.seed
-        found = witness_rays(lambda some: by_channel(self._traced(tuple(some))), rays, energy, scatter, seed)
+        allowed = max(WITNESS_SHARE * (before.rays + before.contributions), WITNESS_LEAST)
+
+        def traced(some: Sequence[LaunchGrid]) -> C64:
+            return by_channel(self._traced(tuple(some)))
+
+        found = witness_rays(traced, rays, energy, scatter, seed, allowed)
         self.run.statistics = before
         return found
 

@@ -30,6 +30,7 @@ from sarmitsuba.simulation.execution.witnesses import (
     contradictions,
     effect_witness,
 )
+from sarmitsuba.simulation.planning.prediction.counting import WITNESS_LEAST
 from sarmitsuba.simulation.planning.sampling.checks import check_sampling, check_small_parts
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.planning.sampling.folding import check_folding
@@ -97,7 +98,8 @@ def _trace(
         run.statistics = run.statistics.plus(batch)
         _tell(run, done, progress)
     run.timer.lap("trace")
-    rays = blocks.witness()
+    allowance = Allowance.of(run.statistics, len(run.layers.subsets))
+    rays = blocks.witness(max(allowance.allowed, WITNESS_LEAST))
     run.timer.lap("witnesses")
     return blocks, rays
 
@@ -137,7 +139,7 @@ def _witnesses(
 def _report(run: Run, blocks: Blocks, rays: Witness | None) -> SamplingReport:
     """Report on traced blocks, whose data are weighted by the shares of the ray subsets; finds the run's witnesses."""
     error_db = blocks.error_db
-    allowance, timer = Allowance.of(run, run.statistics), run.timer
+    allowance, timer = Allowance.of(run.statistics, len(run.layers.subsets)), run.timer
     blocks.tracer.timed(StageTimer(timer.clock))  # the seconds of tracing are those of the data
     shared = block_witness(run, blocks, allowance)
     for plane, layer in zip(

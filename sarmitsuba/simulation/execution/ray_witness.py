@@ -21,16 +21,15 @@ from sarmitsuba.simulation.planning.sampling.chains import every_nth, halved
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.tracing.kernel.launch import LaunchGrid
 
-# rays drawn at first, of a lattice with more; rays that are drawn together: terms of common sides of tubes cancel among
-# them; groups
-DRAWN, RUN, GROUPS = 40_000, 64, 4
+# least and most rays drawn of a lattice; rays that are drawn together: terms of common sides of tubes cancel among
+# them; groups; rays that are traced for each that is drawn
+LEAST_DRAWN, MOST_DRAWN, RUN, GROUPS, PARTS = 5_000, 100_000, 64, 4, 5
 # dB, error below which the ray spacing is not refined further
 FINE_DB = -15.0
 # dB, error from which a contradiction to two sets of rays is said
 SAID_DB = -20.0
-# factor by which more rays are drawn where the draw leaves open whether that is met, and most that are drawn then,
-# also of a lattice with few
-MORE, MOST_DRAWN, WHOLE = 4, 100_000, 300_000
+# share of the rays that may be drawn that are drawn at first: all of them where that leaves open whether it is met
+FIRST = 4
 # confidence from which what groups have in common is not the chance of the draw
 SEEN = 0.99
 # dB, energy of a channel relative to the strongest below which it does not count
@@ -45,6 +44,7 @@ def witness_rays(
     energy: F64,
     two_sets_db: float,
     seed: int,
+    allowed: float,
 ) -> Witness | None:
     """Error by the spacing of the rays for coherent returns, and by the scatter of two sets; None without such rays.
 
@@ -55,6 +55,7 @@ def witness_rays(
     energy : (n_channels,) of the echoes of all rays and sources of this pulse or look
     two_sets_db : error measured by the difference of two ray sets, worst channel, dB; NaN: there is one set
     seed : of the draw
+    allowed : most rays to be traced
 
     Returns
     -------
@@ -66,15 +67,14 @@ def witness_rays(
     if not n_rays or not counted.any():
         return None
     rng = np.random.default_rng([seed & 0x7FFFFFFF, 0x3A75])
-    step = max(1, -(-n_rays // DRAWN))
+    least = max(1, -(-n_rays // int(np.clip(allowed / PARTS, LEAST_DRAWN, MOST_DRAWN))))
+    step = FIRST * least if n_rays > FIRST * LEAST_DRAWN else least
     while True:
         common, chance = _differences(profiles, coherent, step, rng)
         error, spread = (float((x[counted] / energy[counted]).max()) for x in (common, chance))
-        finer = max(1, step // MORE)
-        most = WHOLE if n_rays <= WHOLE else MOST_DRAWN
-        if step == 1 or _db(error + 2.0 * spread) <= FINE_DB or n_rays > finer * most:
+        if step == least or _db(error + 2.0 * spread) <= FINE_DB:
             break
-        step = finer
+        step = least
     reference = "rays at half the spacing" + ("" if math.isnan(two_sets_db) else ", and two sets of rays")
     bias = Witness(_db(error), _db(error + 2.0 * spread), -(-n_rays // step), reference=reference)
     return bias.with_part(two_sets_db)

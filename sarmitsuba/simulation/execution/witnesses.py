@@ -79,10 +79,9 @@ class Allowance:
     least: int
 
     @staticmethod
-    def of(run: Run, statistics: TraceStatistics) -> Allowance:
-        """Allowance of a traced run."""
+    def of(statistics: TraceStatistics, subsets: int) -> Allowance:
+        """Allowance of a traced run with so many ray subsets."""
         total = float(statistics.rays + statistics.contributions)
-        subsets = len(run.layers.subsets)
         each = max(total / max(statistics.key_pulses, 1), 1.0)
         wanted = subsets > 1
         allowed = max(WITNESS_SHARE * total, WITNESS_LEAST if wanted else 0.0)
