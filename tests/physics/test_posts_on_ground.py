@@ -7,6 +7,8 @@ import pytest
 
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.simulation.execution.render import render
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.planning.sampling import chains
 from sarmitsuba.simulation.planning.sampling.chains import every_nth, halved
 from sarmitsuba.tracing.kernel.launch import lattice
 from sarmitsuba.truth.theory.half_space import fresnel
@@ -50,6 +52,31 @@ def test_posts_are_as_bright_as_the_closed_form(tmp_path: Path, a: float, h: flo
     # tol: both halves of the double bounce are estimates of their own, which differ by up to 1.3 dB; before: -3 dB
     assert abs(10.0 * np.log10(found / closed_form(a, h, ground.permittivity, ground.rms_height))) < 1.0
     assert image.metadata["witnesses"]["rays"]["error_db"] < -15.0
+
+
+def test_a_post_narrower_than_a_cell_is_found_behind_the_ground(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rays 0.6 m apart and a post of 0.06 m: the mirror image of the post has fine rays all along, in every lattice."""
+    monkeypatch.setattr(chains, "SEARCHED", 0)  # one ray a cell, as in large scenes
+    a, h = 0.03, 5.4
+    path = tmp_path / "post.xml"
+    path.write_text(SCENE.format(a=a, h=h))
+    coarse = {"azimuth_resolution": 5.0, "bandwidth": 27e6, "image_extent_azimuth": 30.0}
+    scene = load_scene(path, radar=None).replace(**coarse, endless_ground="off")
+    run = Run(scene)
+    assert run.sampling is not None
+    image = 2.0 * a * h * np.sin(np.radians(55.0))
+    for grids in run.lattices(run.sampling, 0):
+        (grid,) = [each for each in grids if each.purpose != "diffuse"]
+        assert grid.spacing > 5.0 * a
+        rays = np.bincount(grid.level, minlength=len(grid.every_level))
+        fine = [
+            n * one.spacing**2 for n, one in zip(rays, grid.every_level, strict=True) if one.spacing < 0.3 * a
+        ]
+        later = [one.serves == "later" for one in grid.every_level if one.spacing < 0.3 * a]
+        # tol: 5 %, the foot, whose cells the plain rays cut
+        assert sum(np.array(fine)[later]) > 0.95 * image
 
 
 def test_halved_lattices_tile_the_same_area() -> None:

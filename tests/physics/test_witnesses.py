@@ -10,11 +10,15 @@ import pytest
 import sarmitsuba
 from sarmitsuba.core.arrays import C64
 from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.core.witness import Witness
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.signal.raw.raw_data import RawData
 from sarmitsuba.simulation.execution import witnesses
+from sarmitsuba.simulation.execution.ray_witness import halved_plan
 from sarmitsuba.simulation.execution.render import simulate
+from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 
 SMALL = {
     "range_film.image_extent_azimuth": "12",
@@ -92,3 +96,33 @@ def test_effects_that_are_off_are_traced_in_long_runs(monkeypatch: pytest.Monkey
     assert "wideband" in found["reference"] and found["samples"] >= 1
     assert found["law_db"] == pytest.approx(-20.0, abs=6.0)
     assert found["error_db"] < found["law_db"] + 3.0
+
+
+def test_rays_are_halved_where_both_measures_say_that_they_are_too_wide() -> None:
+    run = Run(scene_of("tower"))
+    assert run.sampling is not None
+    rays = run.lattices(run.sampling, 0)
+
+    def plan(error_db: float, law_db: float) -> SamplingPlan | None:
+        assert run.sampling is not None
+        return halved_plan(run.sampling, rays, Witness(error_db, error_db, 1, law_db))
+
+    halved = plan(-5.0, -8.0)
+    assert halved is not None and halved.halvings == 1
+    assert halved_plan(halved, rays, Witness(-5.0, -5.0, 1, -8.0)) is None  # once
+    assert plan(-5.0, -20.0) is None and plan(-20.0, -8.0) is None and plan(-5.0, np.nan) is None
+    chosen = replace(run.scene, settings=replace(run.scene.settings, ray_spacing=0.1))
+    assert halved_plan(replace(run.sampling, scene=chosen), rays, Witness(-5.0, -5.0, 1, -8.0)) is None
+
+
+@pytest.mark.parametrize("method", ["hybrid", pytest.param("raw", marks=pytest.mark.slow)])
+def test_the_witness_of_rays_holds_the_error_of_two_sets(method: str) -> None:
+    """Methods with raw data hand it on, as method image does: without it nothing is traced again, or said."""
+    plain = sarmitsuba.load_scene("dihedral")
+    two, one = (
+        simulate(replace(plain, settings=replace(plain.settings, method=method, keep_subsets=kept)))
+        for kept in (True, False)
+    )
+    found = two.metadata["witnesses"]["rays"]
+    assert found["law_db"] <= found["error_db"] <= found["upper_db"] and "two sets" in found["reference"]
+    assert one.metadata["witnesses"]["rays"]["law_db"] is None

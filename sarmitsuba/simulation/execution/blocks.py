@@ -7,13 +7,15 @@ gridding. It costs no tracing, only one more synthesised pulse per block. How fa
 between two pulses is measured by one more traced pulse, at the boundary in the middle of the track.
 """
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import C64, sum_energy
+from sarmitsuba.core.arrays import C64, F64, sum_energy
 from sarmitsuba.core.constants import SUBSET_SHARES
 from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.core.witness import Witness
@@ -55,6 +57,8 @@ STRIP = 0.05
 STRIP_ENERGY = 11.0 / 16.0
 # golden section: its multiples modulo one are evenly distributed
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
+# pulses at which the error of the rays is measured
+RAY_PULSES = 3
 # margin required of the error on a strip, dB: bright targets elsewhere may hold more of the image than of the error
 SURE_DB = 3.0
 
@@ -364,19 +368,55 @@ class Blocks:
             if half > 0.0 and whole > 0.0:
                 self.growth[channel] = float(np.clip(np.log2(whole / half), GROWTH, MOST_GROWTH))
 
-    def witness(self) -> Witness | None:
-        """Error of the rays, measured at one pulse in the middle once all is traced; see :mod:`.ray_witness`."""
-        pulse = self.blocks[self._middle][1] if len(self.blocks) > 1 else self.data.shape[1] // 2
+    def witness(self, allowed: float) -> Witness | None:
+        """Error of the rays, measured at a few pulses once all is traced; see :mod:`.ray_witness`.
+
+        Half of the pulses are drawn evenly along the track and half by their energy, and weighted by the inverse. They
+        have the rays of the first: where something moves, these are laid out for another time.
+
+        Parameters
+        ----------
+        allowed : most rays to be traced
+        """
         channels = tuple(dict.fromkeys(layer.channel for layer in self.layers))
         own = [layer.channel for layer in self.layers[self.layers_of(0)]]
+        energy = self.energy_of_pulses()
+        if not energy.any():
+            return None
+        chance = 0.5 / len(energy) + 0.5 * (energy / np.maximum(energy.sum(axis=0), 1e-300)).mean(axis=1)
+        chance /= chance.sum()
+        middles = (np.arange(RAY_PULSES) + 0.5) / RAY_PULSES
+        pulses = np.minimum(np.searchsorted(np.cumsum(chance), middles), chance.size - 1)
+        first = int(pulses[np.argmax(chance[pulses])])
+        rays = tuple(grid for grid in self.rays.at(first)[0] if grid.serves(first))
+        pulses = np.array([p for p in np.unique(pulses) if all(grid.serves(int(p)) for grid in rays)])
+        weights = np.sqrt(1.0 / (len(pulses) * chance.size * chance[pulses])).astype(np.float32)
 
         def profiles(rays: Sequence[LaunchGrid]) -> C64:
-            planes = self._at(rays, pulse)
+            planes = np.stack(
+                [w * self._at(rays, int(p)) for w, p in zip(weights, pulses, strict=True)], axis=1
+            )
             return np.stack([planes[[c == channel for c in own]].sum(axis=0) for channel in channels])
 
-        energy = np.array([sum_energy(self._channel(self.data[:, pulse], channel)) for channel in channels])
         seed = self.tracer.sampling.scene.settings.seed
-        return witness_rays(profiles, self.rays.at(pulse)[0], energy, np.nan, seed)
+        each = allowed / len(pulses)
+        return witness_rays(profiles, rays, energy.mean(axis=0), self._two_sets_db(pulses), seed, each)
+
+    def _two_sets_db(self, pulses: NDArray[np.intp]) -> float:
+        """Error by the difference of two ray sets at some pulses, worst channel, dB; NaN: there is one set."""
+        if not has_subsets(self.layers):
+            return math.nan
+        return max(self._subset_errors(pulses).values())
+
+    def energy_of_pulses(self) -> F64:
+        """Energy (n_pulses, n_channels) of the echoes of all ray subsets together."""
+        channels = tuple(dict.fromkeys(layer.channel for layer in self.layers))
+        out = np.zeros((self.data.shape[1], len(channels)))
+        for start, stop in self.blocks:
+            for k, channel in enumerate(channels):
+                plane = self._channel(self.data[:, start:stop], channel)
+                out[start:stop, k] = np.square(np.abs(plane), dtype=np.float64).sum(axis=-1)
+        return out
 
     def _channel(self, planes: C64, channel: str) -> C64:
         """Sum of a channel's layers (n_layers, ...), subsets weighted by their shares."""
@@ -421,7 +461,8 @@ class Blocks:
         if target < 0.0:
             return above(dict.fromkeys(error, target - BELOW_TARGET_DB))
         if has_subsets(self.layers):
-            return above_rays(self._subset_errors())
+            middle = slice(self.blocks[self._middle][0], self.blocks[self._middle + 1][1])
+            return above_rays(self._subset_errors(middle))
         rays = self.rays.at(self.blocks[self._middle][1])[0]
         frame = self.tracer.sampling.window.frame
         strips = [strip(grid, frame) for grid in rays]
@@ -431,11 +472,10 @@ class Blocks:
                 return 0.0
         return above_rays(self._shift_errors(rays))
 
-    def _subset_errors(self) -> dict[str, float]:
-        """Error of each channel by ray sampling, from the two ray subsets in the middle of the track, dB."""
-        start, stop = self.blocks[self._middle][0], self.blocks[self._middle + 1][1]
+    def _subset_errors(self, pulses: slice | NDArray[np.intp]) -> dict[str, float]:
+        """Error of each channel by ray sampling, from the two ray subsets at some pulses, dB."""
         shares = np.array([SUBSET_SHARES[layer.subset] for layer in self.layers], dtype=np.float32)
-        planes = self.data[:, start:stop] * shares[:, None, None]
+        planes = self.data[:, pulses] * shares[:, None, None]
         bars = estimate_error(planes, self.layers, pixels=False)
         return dict(zip(bars.channels, bars.error_db, strict=True))
 

@@ -29,11 +29,12 @@ from sarmitsuba.simulation.execution.point_taps import PointTaps, point_taps
 from sarmitsuba.simulation.execution.points import PointEcho
 from sarmitsuba.simulation.execution.pulses import AntennaStates
 from sarmitsuba.simulation.execution.raster import Raster
-from sarmitsuba.simulation.execution.ray_witness import FINE_DB, may_halve, say_rays, witness_rays
+from sarmitsuba.simulation.execution.ray_witness import halved_plan, say_rays, witness_rays
 from sarmitsuba.simulation.execution.refinement.error_bars import estimate_error, has_subsets
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
 from sarmitsuba.simulation.execution.tracing import MAX_LANES, Tracer, polarisation_up
+from sarmitsuba.simulation.planning.prediction.counting import WITNESS_LEAST, WITNESS_SHARE
 from sarmitsuba.simulation.planning.sampling.checks import check_small_parts
 from sarmitsuba.tracing.kernel.launch import LaunchGrid
 from sarmitsuba.tracing.kernel.look_accumulator import ImageAccumulator
@@ -136,11 +137,12 @@ class Imager:
             When no echo is received.
         """
         run = self.run
-        run.statistics = TraceStatistics()
+        run.statistics, run.witnesses = TraceStatistics(), {}
         data = self._looked(pass_index)
-        if run.witness is not None and self._needs_halving(run.witness, pass_index):
-            assert self.sampling is not None
-            self.sampling, self._lattices = replace(self.sampling, halvings=1), {}
+        if self.sampling is not None and (
+            halved := halved_plan(self.sampling, self.rays(pass_index), run.witnesses.get("rays"))
+        ):
+            self.sampling, self._lattices = halved, {}
             data = self._looked(pass_index)
         check_traced(data, 0.0, run.scene.name)
         if not data.any():
@@ -149,7 +151,7 @@ class Imager:
                 "centre and "
                 "extents"
             )
-        said = "" if run.witness is None else say_rays(run.scene.name, run.witness)
+        said = say_rays(run.scene.name, run.witnesses.get("rays"))
         run.notes += [said] if said and said not in run.notes else []
         if run.plan.on("noise"):
             self._add_noise(data, run.layers.layers)
@@ -173,7 +175,8 @@ class Imager:
             run.timer.lap("form image")
         data = np.concatenate(planes)
         if self.sampling is not None:
-            run.witness = self._witness(seen, data, pass_index)
+            rays = self._witness(seen, data, pass_index)
+            run.witnesses = {} if rays is None else {"rays": rays}
             run.timer.lap("trace")
         return data
 
@@ -196,17 +199,14 @@ class Imager:
         if has_subsets(layers.layers):
             scatter = max(estimate_error(data, layers.layers, pixels=False).error_db)
         rays, seed = self.rays(pass_index)[0], self.run.scene.settings.seed
-        found = witness_rays(lambda some: by_channel(self._traced(tuple(some))), rays, energy, scatter, seed)
+        allowed = max(WITNESS_SHARE * (before.rays + before.contributions), WITNESS_LEAST)
+
+        def traced(some: Sequence[LaunchGrid]) -> C64:
+            return by_channel(self._traced(tuple(some)))
+
+        found = witness_rays(traced, rays, energy, scatter, seed, allowed)
         self.run.statistics = before
         return found
-
-    def _needs_halving(self, witness: Witness, pass_index: int) -> bool:
-        """Whether automatic rays are too far apart by what is measured, and half the spacing fits the bound on rays."""
-        automatic = self.run.scene.settings.ray_spacing == 0.0
-        open_ = automatic and self.sampling is not None and not self.sampling.halvings
-        # two sets of rays say so, too
-        too_wide = witness.error_db > FINE_DB and witness.law_db > FINE_DB
-        return open_ and too_wide and may_halve(self.rays(pass_index))
 
     def packed(self, data: C64) -> SarImage:
         """Image of one look from its pixels (n_layers, n_azimuth, n_range)."""

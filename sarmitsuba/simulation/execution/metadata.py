@@ -50,7 +50,7 @@ def _common(
         "ray_spacing_settings": sampling.spacings.at(1.0) if sampling else {},
         "ray_share_of_tracing": ray_share(run.statistics, len(run.layers.subsets)),
         "witnesses": {
-            **{stage: witness.as_dict() for stage, witness in run.measured.items()},
+            **{stage: witness.as_dict() for stage, witness in run.witnesses.items()},
             **theory_witness(theory),
         },
         "notes": list(notes),

@@ -20,7 +20,7 @@ from sarmitsuba.simulation.execution.blame import check_traced
 from sarmitsuba.simulation.execution.blocks import Blocks
 from sarmitsuba.simulation.execution.metadata import raw_metadata
 from sarmitsuba.simulation.execution.points import add_points
-from sarmitsuba.simulation.execution.ray_witness import FINE_DB, may_halve, say_rays
+from sarmitsuba.simulation.execution.ray_witness import halved_plan, say_rays
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.statistics import LatticeSpacings, SamplingReport, TraceStatistics
 from sarmitsuba.simulation.execution.witnesses import (
@@ -30,6 +30,7 @@ from sarmitsuba.simulation.execution.witnesses import (
     contradictions,
     effect_witness,
 )
+from sarmitsuba.simulation.planning.prediction.counting import WITNESS_LEAST
 from sarmitsuba.simulation.planning.sampling.checks import check_sampling, check_small_parts
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.planning.sampling.folding import check_folding
@@ -46,20 +47,22 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
     radar, settings = scene.radar, scene.settings
     layers = run.layers.layers
     data = np.zeros((len(layers), radar.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
-    run.statistics, run.report, run.witness, run.witnesses = TraceStatistics(), None, None, {}
+    run.statistics, run.report, run.witnesses = TraceStatistics(), None, {}
     notes = list(run.notes)
     if run.sampling is not None:
-        blocks = _trace(run, run.sampling, data, pass_index, progress or silent)
-        if run.witness is not None and _needs_halving(run, run.witness, blocks):
+        sampling = run.sampling
+        blocks, rays = _trace(run, sampling, data, pass_index, progress or silent)
+        if halved := halved_plan(sampling, blocks.rays.at(radar.track.center_index), rays):
+            assert rays is not None
             notes.append(
                 f"{scene.name}: the error of the rays, measured against half their spacing, was "
-                f"{run.witness.error_db:.1f} dB; all is traced again at half the spacing"
+                f"{rays.error_db:.1f} dB; all is traced again at half the spacing"
             )
             if run.finished is not None:
                 run.finished.begin_again(f"pass {pass_index}, halved")
-            blocks = _trace(run, replace(run.sampling, halvings=1), data, pass_index, progress or silent)
-        run.report = _report(run, blocks)
-        notes += [said] if run.witness is not None and (said := say_rays(scene.name, run.witness)) else []
+            blocks, rays = _trace(run, halved, data, pass_index, progress or silent)
+        run.report = _report(run, blocks, rays)
+        notes += [said] if (said := say_rays(scene.name, rays)) else []
         notes += contradictions(scene.name, run.witnesses, settings.tolerance_db)
     if scene.points:
         n = add_points(scene, plan.flags, run.trace_scene, data, layers, plan.sub_bands)
@@ -85,27 +88,20 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
     return replace(raw, metadata={**metadata, **raw.metadata})
 
 
-def _trace(run: Run, sampling: SamplingPlan, data: C64, pass_index: int, progress: Progress) -> Blocks:
-    """Blocks of pulses with a sampling plan, traced into ``data``, and the witness of their rays in the run."""
+def _trace(
+    run: Run, sampling: SamplingPlan, data: C64, pass_index: int, progress: Progress
+) -> tuple[Blocks, Witness | None]:
+    """Blocks of pulses with a sampling plan, traced into ``data``, and the witness of their rays."""
     data[:] = 0.0
     blocks = _blocks(run, sampling, data, pass_index)
     for done, batch in blocks.trace():
         run.statistics = run.statistics.plus(batch)
         _tell(run, done, progress)
-    run.witness = blocks.witness()
     run.timer.lap("trace")
-    return blocks
-
-
-def _needs_halving(run: Run, witness: Witness, blocks: Blocks) -> bool:
-    """Whether automatic rays are too far apart by what is measured, and half the spacing fits the bound on rays."""
-    automatic = run.scene.settings.ray_spacing == 0.0
-    return (
-        automatic
-        and witness.error_db > FINE_DB
-        and witness.law_db > FINE_DB  # two sets of rays say so, too
-        and may_halve(blocks.rays.at(run.scene.radar.track.center_index))
-    )
+    allowance = Allowance.of(run.statistics, len(run.layers.subsets))
+    rays = blocks.witness(max(allowance.allowed, WITNESS_LEAST))
+    run.timer.lap("witnesses")
+    return blocks, rays
 
 
 def _blocks(run: Run, sampling: SamplingPlan, data: C64, pass_index: int) -> Blocks:
@@ -127,9 +123,12 @@ def _tell(run: Run, done: float, progress: Progress) -> None:
     progress("trace", done, 1.0, {"rays/s": rate, **counted})
 
 
-def _witnesses(run: Run, blocks: Blocks, shared: Witness | None, allowance: Allowance) -> dict[str, Witness]:
+def _witnesses(
+    run: Run, blocks: Blocks, rays: Witness | None, shared: Witness | None, allowance: Allowance
+) -> dict[str, Witness]:
     """Errors measured on drawn pulses, by stage; see :mod:`sarmitsuba.simulation.execution.witnesses`."""
     found = {
+        "rays": rays,
         "blocks": shared,
         "bounces": bounce_witness(run, blocks.tracer, blocks.data, allowance),
         "effects": effect_witness(run, blocks.tracer, blocks.data, allowance),
@@ -137,17 +136,17 @@ def _witnesses(run: Run, blocks: Blocks, shared: Witness | None, allowance: Allo
     return {stage: witness for stage, witness in found.items() if witness is not None}
 
 
-def _report(run: Run, blocks: Blocks) -> SamplingReport:
+def _report(run: Run, blocks: Blocks, rays: Witness | None) -> SamplingReport:
     """Report on traced blocks, whose data are weighted by the shares of the ray subsets; finds the run's witnesses."""
     error_db = blocks.error_db
-    allowance, timer = Allowance.of(run, run.statistics), run.timer
+    allowance, timer = Allowance.of(run.statistics, len(run.layers.subsets)), run.timer
     blocks.tracer.timed(StageTimer(timer.clock))  # the seconds of tracing are those of the data
     shared = block_witness(run, blocks, allowance)
     for plane, layer in zip(
         blocks.data, run.layers.layers, strict=True
     ):  # each subset is a whole image of its own
         plane *= np.float32(SUBSET_SHARES[layer.subset])
-    run.witnesses = _witnesses(run, blocks, shared, allowance)
+    run.witnesses = _witnesses(run, blocks, rays, shared, allowance)
     blocks.tracer.timed(timer)
     timer.lap("witnesses")
     pulse = run.scene.radar.track.center_index

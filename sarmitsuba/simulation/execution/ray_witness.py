@@ -9,6 +9,7 @@ what they differ by is the chance of the draw.
 import math
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import scipy
@@ -18,18 +19,18 @@ from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.core.witness import USELESS_DB, Witness
 from sarmitsuba.simulation.planning.sampling.chains import every_nth, halved
+from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.tracing.kernel.launch import LaunchGrid
 
-# rays drawn at first, of a lattice with more; rays that are drawn together: terms of common sides of tubes cancel among
-# them; groups
-DRAWN, RUN, GROUPS = 40_000, 64, 4
+# least and most rays drawn of a lattice; rays that are drawn together: terms of common sides of tubes cancel among
+# them; groups; rays that are traced for each that is drawn
+LEAST_DRAWN, MOST_DRAWN, RUN, GROUPS, PARTS = 5_000, 100_000, 64, 4, 5
 # dB, error below which the ray spacing is not refined further
 FINE_DB = -15.0
 # dB, error from which a contradiction to two sets of rays is said
 SAID_DB = -20.0
-# factor by which more rays are drawn where the draw leaves open whether that is met, and most that are drawn then,
-# also of a lattice with few
-MORE, MOST_DRAWN, WHOLE = 4, 100_000, 300_000
+# share of the rays that may be drawn that are drawn at first: all of them where that leaves open whether it is met
+FIRST = 4
 # confidence from which what groups have in common is not the chance of the draw
 SEEN = 0.99
 # dB, energy of a channel relative to the strongest below which it does not count
@@ -44,6 +45,7 @@ def witness_rays(
     energy: F64,
     two_sets_db: float,
     seed: int,
+    allowed: float,
 ) -> Witness | None:
     """Error by the spacing of the rays for coherent returns, and by the scatter of two sets; None without such rays.
 
@@ -54,6 +56,7 @@ def witness_rays(
     energy : (n_channels,) of the echoes of all rays and sources of this pulse or look
     two_sets_db : error measured by the difference of two ray sets, worst channel, dB; NaN: there is one set
     seed : of the draw
+    allowed : most rays to be traced
 
     Returns
     -------
@@ -65,23 +68,19 @@ def witness_rays(
     if not n_rays or not counted.any():
         return None
     rng = np.random.default_rng([seed & 0x7FFFFFFF, 0x3A75])
-    step = max(1, -(-n_rays // DRAWN))
+    least = max(1, -(-n_rays // int(np.clip(allowed / PARTS, LEAST_DRAWN, MOST_DRAWN))))
+    step = FIRST * least if n_rays > FIRST * LEAST_DRAWN else least
     while True:
         common, chance = _differences(profiles, coherent, step, rng)
         error, spread = (float((x[counted] / energy[counted]).max()) for x in (common, chance))
-        finer = max(1, step // MORE)
-        most = WHOLE if n_rays <= WHOLE else MOST_DRAWN
-        if step == 1 or db_from_power(error + 2.0 * spread) <= FINE_DB or n_rays > finer * most:
+        if step == least or db_from_power(error + 2.0 * spread) <= FINE_DB:
             break
-        step = finer
-    scatter = 0.0 if math.isnan(two_sets_db) else power_from_db(two_sets_db)
-    return Witness(
-        db_from_power(error + scatter),
-        db_from_power(error + 2.0 * spread + scatter),
-        -(-n_rays // step),
-        two_sets_db,
-        "rays at half the spacing, and two sets of rays" if scatter else "rays at half the spacing",
+        step = least
+    reference = "rays at half the spacing" + ("" if math.isnan(two_sets_db) else ", and two sets of rays")
+    bias = Witness(
+        db_from_power(error), db_from_power(error + 2.0 * spread), -(-n_rays // step), reference=reference
     )
+    return bias.with_part(two_sets_db)
 
 
 def _differences(
@@ -116,12 +115,14 @@ def _differences(
     return np.where(common > limit * chance, common - chance, 0.0), chance
 
 
-def say_rays(name: str, witness: Witness) -> str:
+def say_rays(name: str, witness: Witness | None) -> str:
     """Text on rays whose measured error is large, or high and far above that of two sets; empty for none.
 
     It is a warning where two sets of rays say so, too. The witness alone counts all echoes of one pulse, also those of
     large errors far from what the image shows.
     """
+    if witness is None:
+        return ""
     measured = f"{name}: the error of the rays at one pulse, measured against half their spacing, is"
     if witness.useless and witness.law_db > USELESS_DB:
         text = f"{measured} {witness.error_db:.1f} dB: the image is not usable; set a smaller ray_spacing"
@@ -132,8 +133,20 @@ def say_rays(name: str, witness: Witness) -> str:
     return ""
 
 
-def may_halve(lattices: Sequence[Sequence[LaunchGrid]]) -> bool:
-    """Whether the bound on rays allows half the spacing."""
-    return all(
-        4 * grid.n_rays <= MOST_RAYS for grids in lattices for grid in grids if grid.purpose != "diffuse"
-    )
+def halved_plan(
+    sampling: SamplingPlan, lattices: Sequence[Sequence[LaunchGrid]], witness: Witness | None
+) -> SamplingPlan | None:
+    """Plan at half the spacing, where automatic rays are too far apart by what is measured; None where they are not.
+
+    Two sets of rays have to say so, too, and half the spacing has to fit the bound on rays.
+
+    Parameters
+    ----------
+    lattices : of every ray set, at one pulse or look
+    """
+    if witness is None or sampling.halvings or sampling.scene.settings.ray_spacing > 0.0:
+        return None
+    coherent = [grid.n_rays for grids in lattices for grid in grids if grid.purpose != "diffuse"]
+    if not (witness.error_db > FINE_DB and witness.law_db > FINE_DB) or 4 * max(coherent) > MOST_RAYS:
+        return None
+    return replace(sampling, halvings=1)

@@ -64,8 +64,7 @@ class Run:
     timer : seconds by stage
     statistics : of the last image or raw data
     report : on the sampling of the raw data; None before, and without a mesh
-    witness : error of the rays of the last image or raw data, as measured; None: not measured
-    witnesses : errors measured on drawn parts of the raw data, by stage
+    witnesses : errors measured in the last image or raw data, by stage: ``rays``, ``blocks``, ``bounces``, ``effects``
     shortfalls : surface for which the most recent lattices are too coarse
     notes : one line each: assumptions, repairs and warnings
     finished : file of finished blocks of raw data; None (default): no file
@@ -120,7 +119,6 @@ class Run:
         self.layers = LayerPlan.of(self.scene, self.plan)
         self.statistics = TraceStatistics()
         self.report: SamplingReport | None = None
-        self.witness: Witness | None = None
         self.witnesses: dict[str, Witness] = {}
         self.shortfalls: tuple[Shortfall, ...] = ()
         self.finished: FinishedBlocks | None = None
@@ -136,12 +134,6 @@ class Run:
     def batch_shape(self) -> tuple[int, int, int]:
         """Layers of one ray subset, pulses and samples of the raw data."""
         return self.layers.per_subset, self.scene.radar.track.n_pulses, self.scene.radar.window.n_samples
-
-    @property
-    def measured(self) -> dict[str, Witness]:
-        """Errors measured in the last image or raw data, by stage."""
-        rays = {} if self.witness is None else {"rays": self.witness}
-        return {**rays, **self.witnesses}
 
     def at(self, factor: float) -> "Run":
         """Run with all ray spacings multiplied by a factor; geometry and decisions are shared."""

@@ -79,10 +79,9 @@ class Allowance:
     least: int
 
     @staticmethod
-    def of(run: Run, statistics: TraceStatistics) -> Allowance:
-        """Allowance of a traced run."""
+    def of(statistics: TraceStatistics, subsets: int) -> Allowance:
+        """Allowance of a traced run with so many ray subsets."""
         total = float(statistics.rays + statistics.contributions)
-        subsets = len(run.layers.subsets)
         each = max(total / max(statistics.key_pulses, 1), 1.0)
         wanted = subsets > 1
         allowed = max(WITNESS_SHARE * total, WITNESS_LEAST if wanted else 0.0)
@@ -118,7 +117,7 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
         n = allowance.samples(part)
         affordable = 0.5 * allowance.allowed / max(n, 1) - launches
         share = float(np.clip(affordable / allowance.pulse, LEAST_STRIP, WIDEST_STRIP))
-    energy = _energy_of_pulses(blocks, allowance.subsets)
+    energy = blocks.energy_of_pulses()
     mean = energy.mean(axis=0)
     chance = _chance_of_pulses(blocks, energy)
     errors, energies, here = [], [], []
@@ -187,23 +186,6 @@ def _of_subset(
     exact = blocks.batches.trace(Batch(subset, pulse, pulse + 1, together=True), rays).profiles[:, 0]
     weight = np.float32(SUBSET_SHARES[layers[0].subset])
     return _by_channel(shared, layers) * weight, _by_channel(exact, layers) * weight
-
-
-def _energy_of_pulses(blocks: Blocks, subsets: int) -> F64:
-    """Energy (n_pulses, n_channels) of all ray subsets together."""
-    picks = [blocks.layers_of(subset) for subset in range(subsets)]
-    weights = [np.float32(SUBSET_SHARES[blocks.layers[pick][0].subset]) for pick in picks]
-    energies = []
-    for start, stop in blocks.blocks:
-        planes = np.sum(
-            [
-                _by_channel(blocks.data[pick, start:stop], blocks.layers[pick]) * weight
-                for pick, weight in zip(picks, weights, strict=True)
-            ],
-            axis=0,
-        )
-        energies.append(np.square(np.abs(planes), dtype=np.float64).sum(axis=-1).T)
-    return np.concatenate(energies)
 
 
 def _chance_of_pulses(blocks: Blocks, energy: F64) -> F64:

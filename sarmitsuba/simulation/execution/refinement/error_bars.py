@@ -1,6 +1,5 @@
 """Error bars of ray sampling: from two independent subsets of a run's rays, or from several passes of rays."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -10,7 +9,7 @@ import numpy as np
 from sarmitsuba.core.arrays import C64, F32, sum_energy
 from sarmitsuba.core.constants import SUBSET_SHARES
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.core.units import amplitude_from_db, db_from_power, power_from_db
+from sarmitsuba.core.units import amplitude_from_db, db_from_power
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.signal.image import SarImage, sliding_means
 from sarmitsuba.signal.raw.raw_data import Layer
@@ -221,24 +220,13 @@ def with_error_bars(image: SarImage) -> SarImage:
 def _with_sampling_error(
     metadata: Mapping[str, object], errors: Mapping[str, Mapping[str, object]]
 ) -> dict[str, object]:
-    """Metadata with the error bars of an image, which a witness of the ray spacing does not contain: it gets both."""
+    """Metadata with the error bars of an image, in place of those of the echoes also in the witness of the rays."""
     out = {**metadata, "sampling_error": errors}
     witnesses = metadata.get("witnesses")
     found = Witness.read(witnesses.get("rays")) if isinstance(witnesses, Mapping) else None
-    if found is None or not math.isnan(found.law_db) or not isinstance(witnesses, Mapping):
+    if found is None or not isinstance(witnesses, Mapping):
         return out
     worst = max(float(error["error_db"]) for error in errors.values())  # type: ignore[arg-type]
-    both = replace(
-        found,
-        error_db=_sum_db(found.error_db, worst),
-        upper_db=_sum_db(found.upper_db, worst),
-        law_db=worst,
-        reference=f"{found.reference}, and {next(iter(errors.values())).get('source', '')}",
-    )
+    reference = f"{found.reference.partition(',')[0]}, and {next(iter(errors.values())).get('source', '')}"
+    both = replace(found.with_part(worst), reference=reference)
     return {**out, "witnesses": {**witnesses, "rays": both.as_dict()}}
-
-
-def _sum_db(*levels: float) -> float:
-    """Level of the sum of energies, dB."""
-    total = sum(power_from_db(level) for level in levels)
-    return db_from_power(total)

@@ -12,7 +12,7 @@ from sarmitsuba.core.constants import DEFAULT_WINDOW, RAY_ERROR_ORDER
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.core.timing import Clock
-from sarmitsuba.core.units import db_from_power, power_from_db
+from sarmitsuba.core.units import power_from_db
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.scene.scene import Scene, SceneLike
@@ -278,11 +278,7 @@ class _PassImage:
         """Error with that of the ray spacing, dB, which all passes share, as measured in the last and densest one."""
         witnesses = self.passes.metadata.get("witnesses")
         found = Witness.read(witnesses.get("rays")) if isinstance(witnesses, Mapping) else None
-        if found is None:
-            return error_db
-        scatter = 0.0 if np.isnan(found.law_db) else power_from_db(found.law_db)
-        bias = max(power_from_db(found.error_db) - scatter, 0.0)
-        return db_from_power(power_from_db(error_db) + bias)
+        return error_db if found is None else found.with_part(error_db).error_db
 
 
 def blocks_of(state: Path) -> Path:

@@ -64,8 +64,8 @@ NOISE_SAMPLE, UPSAMPLED = 8e-8, 1.5e-7
 # seconds of the first finer lattice of a process over those of the next
 FIRST_LAID = 0.2
 # share of a run's rays and contributions that one witness may take, and rays that it may take in short runs where error
-# bars are wanted; a run has two (sarmitsuba.simulation.execution.witnesses)
-WITNESS_SHARE, WITNESS_LEAST, WITNESSES = 0.02, 4e5, 2
+# bars are wanted; a run has three (sarmitsuba.simulation.execution.witnesses)
+WITNESS_SHARE, WITNESS_LEAST, WITNESSES = 0.016, 2e5, 3
 # seconds for the scattering table of a rough material at another frequency
 TABLES = 0.04
 

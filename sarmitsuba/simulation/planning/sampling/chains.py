@@ -5,12 +5,15 @@ wavelengths, but behind them the same tubes meet posts, tanks and other curved o
 (squares about its rays) from which that happens are therefore divided, as a quadtree, until the tubes are as narrow as
 the later hits need. A divided cell keeps its ray for the first hit; the rays of its parts serve all later ones. Parts
 tile their cell exactly, so that every order of bounce is counted once.
+
+The cells are found by rays through their middles, and by rays through points of the mirror images of such surfaces in
+the large flat facets: a post narrower than a cell hides between the middles.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +24,15 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.simulation.planning.sampling.small_parts import Shortfall
 from sarmitsuba.tracing.kernel.kernel import trace
-from sarmitsuba.tracing.kernel.launch import LatticeLevel, LaunchFrame, LaunchGrid, PulseBatch, Serves, morton
+from sarmitsuba.tracing.kernel.launch import (
+    LatticeLevel,
+    LaunchFrame,
+    LaunchGrid,
+    PulseBatch,
+    Serves,
+    morton,
+    project,
+)
 from sarmitsuba.tracing.kernel.state import Kernel, KernelSettings
 from sarmitsuba.tracing.kernel.table_rows import FaceRow
 
@@ -37,6 +48,12 @@ MOST_RAYS, SHARE = 600_000, 0.5
 FINEST, ENOUGH = 1.0 / 9.0, 1.001
 # rays of the first search: a lattice with fewer is searched with several rays a cell, as narrow bodies hide between
 SEARCHED = 200_000
+# most rays through mirror images, and their number per spacing needed; most planes that mirror, alone and in pairs, and
+# points by which each is tried
+MOST_IMAGES, PER_NEED = 200_000, 0.5
+MOST_MIRRORS, MOST_PAIRED, PROBED = 24, 8, 200
+# bits of a face's direction and distance, of one, by which faces of one plane are known
+PLANE_ROUNDING = 1e-3
 # rays up to which all antenna positions search, and lanes of one launch
 FEW, MAX_LANES = 300_000, 4_000_000
 # bounces that are followed, the same for all depths of runs so that their rays are; halvings of a cell at a time, and
@@ -71,8 +88,8 @@ def with_divided_cells(
 
     Notes
     -----
-    Ignores slabs that let waves through (their reflection is followed), and bodies so small that every ray of the
-    search misses them.
+    Ignores slabs that let waves through (their reflection is followed), and bodies narrower than a cell that are met
+    after three mirrors, or after small ones, where every ray of the search misses them.
     """
     need = np.maximum(scene.needs[0], FINEST * wavelength)
     if grid.purpose == "diffuse" or max_depth < 2 or not (need < grid.spacing / ENOUGH).any():
@@ -195,6 +212,23 @@ class _Cells:
         ij = (m * self.ij[:, None] + index).reshape(-1, 2)
         return _Cells(xy, ij, self.level, self.depth + steps, self.spacing / m, self.needs)
 
+    def holding(self, points: F64, turn: float) -> I64:
+        """Number (n,) of the cell that holds each point (n, 2); -1 for none."""
+        if not self.n or not len(points):
+            return np.full(len(points), -1, dtype=np.int64)
+        c, s = np.cos(turn), np.sin(turn)
+        steps = (points - self.xy[0]) @ np.array([[c, -s], [s, c]]) / self.spacing
+        wanted = np.rint(steps).astype(np.int64) + self.ij[0]
+        low, high = self.ij.min(axis=0), self.ij.max(axis=0)
+        columns = int(high[1] - low[1]) + 1
+        key = (self.ij[:, 0] - low[0]) * columns + self.ij[:, 1] - low[1]
+        order = np.argsort(key, kind="stable")
+        known = key[order]
+        own = (wanted[:, 0] - low[0]) * columns + wanted[:, 1] - low[1]
+        place = np.minimum(np.searchsorted(known, own), known.size - 1)
+        there = (known[place] == own) & ((wanted >= low) & (wanted <= high)).all(axis=1)
+        return np.where(there, order[place], -1)
+
     def spread(self, lack: F64) -> F64:
         """Largest lack (n,) of each cell and its eight neighbours."""
         out = lack.copy()
@@ -254,13 +288,20 @@ class _Search:
     antennas: F64
     wavelength: float
     antenna: Antenna
+    # points of mirror images by level, (n, 2) m, and the lack there per spacing, 1/m
+    images: dict[int, tuple[F64, F64]] = field(default_factory=dict)
 
     def of_roots(self, roots: list[_Cells]) -> list[F64]:
-        """As :meth:`of_cells`, with several rays a cell where there are few cells."""
+        """As :meth:`of_cells`, with several rays a cell where there are few cells, and rays through mirror images."""
         n, steps = sum(cells.n for cells in roots), 0
         finest = FINEST * self.wavelength
         while n * 4 ** (steps + 1) <= SEARCHED and self.grid.spacing * 2.0 ** -(steps + 1) >= finest:
             steps += 1
+        points = _mirrored_points(self.scene, self.grid, self.frame, self.antennas, finest)
+        for cells in roots:
+            inside = points[cells.holding(points, self.grid.turn) >= 0]
+            if len(inside):
+                self.images[cells.level] = inside, self._lack(inside, cells, self.antennas) / cells.spacing
         if not steps:
             return self.of_cells(roots)
         parts = self.of_cells([cells.parts(steps, self.grid.turn) for cells in roots])
@@ -278,7 +319,12 @@ class _Search:
         for cells in groups:
             step = MAX_LANES // len(views)
             rows = [self._lack(cells.xy[i : i + step], cells, views) for i in range(0, cells.n, step)]
-            found.append(np.concatenate(rows) if rows else np.zeros(0))
+            lack = np.concatenate(rows) if rows else np.zeros(0)
+            if cells.level in self.images:
+                points, per_spacing = self.images[cells.level]
+                owner = cells.holding(points, self.grid.turn)
+                np.maximum.at(lack, owner[owner >= 0], cells.spacing * per_spacing[owner >= 0])
+            found.append(lack)
         return found
 
     def _lack(self, xy: F64, cells: _Cells, views: F64) -> F64:
@@ -293,6 +339,110 @@ class _Search:
         dr.eval(lack)
         of_view: F64 = np.asarray(lack.numpy(), dtype=np.float64).reshape(len(views), -1)
         return np.asarray(of_view.max(axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Mirrors:
+    """Largest planes of flat facets.
+
+    Parameters
+    ----------
+    unit, distance : (n, 3) normals and (n,) m, distances from the origin
+    low, high : (n, 3) m, bounds of the facets in each
+    """
+
+    unit: F64
+    distance: F64
+    low: F64
+    high: F64
+
+    @staticmethod
+    def of(corners: F64, extent: float, margin: float) -> _Mirrors:
+        """The ``MOST_MIRRORS`` largest planes of faces (n, 3, 3), m.
+
+        Parameters
+        ----------
+        extent : m, of the scene
+        margin : m, by which bounds are wider
+        """
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        size = np.linalg.norm(normal, axis=1)
+        corners, unit, size = corners[size > 0.0], normal[size > 0.0], size[size > 0.0]
+        unit = unit / size[:, None]
+        unit *= np.where(unit @ np.array([1e-3, 2e-3, 1.0]) < 0.0, -1.0, 1.0)[
+            :, None
+        ]  # either side is one plane
+        distance = np.einsum("ij,ij->i", unit, corners[:, 0])
+        plane = np.rint(np.column_stack([unit, distance / max(extent, 1.0)]) / PLANE_ROUNDING)
+        _, first, number = np.unique(plane, axis=0, return_index=True, return_inverse=True)
+        number = number.ravel()
+        largest = np.argsort(-np.bincount(number, weights=size), kind="stable")[:MOST_MIRRORS]
+        boxes = [corners[number == k].reshape(-1, 3) for k in largest]
+        low, high = (np.array([f(box, axis=0) for box in boxes]).reshape(-1, 3) for f in (np.min, np.max))
+        return _Mirrors(unit[first[largest]], distance[first[largest]], low - margin, high + margin)
+
+    def image(self, k: int, points: F64) -> F64:
+        """Mirror images of points (n, 3) in a plane."""
+        return np.asarray(points - 2.0 * (points @ self.unit[k] - self.distance[k])[:, None] * self.unit[k])
+
+    def seen(self, chain: tuple[int, ...], antenna: F64, points: F64) -> F64:
+        """Images (m, 3) of the points (n, 3) that the antenna sees in a chain of mirrors, the first mirror first.
+
+        Facets of a plane count as far as their bounds; what stands before them does not count.
+        """
+        images = [antenna[None]]
+        for k in chain[:-1]:
+            images.append(self.image(k, images[-1]))
+        for k, place in zip(chain[::-1], images[::-1], strict=True):
+            height, own = points @ self.unit[k] - self.distance[k], place[0] @ self.unit[k] - self.distance[k]
+            points, height = points[height * own > 0.0], height[height * own > 0.0]
+            points = self.image(k, points)
+            met = place + (points - place) * (own / (own + height))[:, None]
+            points = points[((met >= self.low[k]) & (met <= self.high[k])).all(axis=1)]
+        return points
+
+
+def _mirrored_points(
+    scene: TraceScene, grid: LaunchGrid, frame: LaunchFrame, antennas: F64, finest: float
+) -> F64:
+    """Points (n, 2) of a launch plane in the mirror images of faces that need denser rays than a lattice has.
+
+    Mirrors are the largest planes of faces that need none, and pairs of the ``MOST_PAIRED`` largest. Points lie evenly
+    on each face, ``PER_NEED`` to the spacing that it needs, and fewer where they would be more than ``MOST_IMAGES``.
+
+    Parameters
+    ----------
+    finest : m, spacing below which no face needs denser rays
+    """
+    need = np.maximum(scene.needs[0], finest)
+    fine = need < grid.spacing / ENOUGH
+    faces, antenna = scene.triangles[fine], antennas[len(antennas) // 2]
+    mirrors = _Mirrors.of(scene.triangles[~fine], float(np.abs(scene.bounds).max()), grid.spacing)
+    n = len(mirrors.unit)
+    chains: list[tuple[int, ...]] = [(k,) for k in range(n)]
+    chains += [(a, b) for a in range(min(n, MOST_PAIRED)) for b in range(min(n, MOST_PAIRED)) if a != b]
+    middle = faces.mean(axis=1)[:: max(1, len(faces) // PROBED)]
+    chains = [chain for chain in chains if len(mirrors.seen(chain, antenna, middle))]
+    if not chains or not len(faces):
+        return np.zeros((0, 2))
+    area = 0.5 * np.linalg.norm(np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]), axis=1)
+    wanted = area * np.square(PER_NEED / need[fine])
+    share = min(1.0, MOST_IMAGES / (len(chains) * float(np.maximum(wanted, 1.0).sum())))
+    count = np.maximum(np.rint(share * wanted), 1.0 if share == 1.0 else 0.0).astype(int)
+    points = _spread_over(faces, count)
+    xy = np.concatenate([project(mirrors.seen(chain, antenna, points), antenna, frame) for chain in chains])
+    reach = np.array([grid.half_x + grid.taper, grid.half_y + grid.taper])
+    return np.asarray(xy[(np.abs(xy) <= reach).all(axis=1)])
+
+
+def _spread_over(faces: F64, count: NDArray[np.int_]) -> F64:
+    """Points (count.sum(), 3) spread evenly over triangles (n, 3, 3), by an R2 sequence folded into each."""
+    owner = np.repeat(np.arange(len(faces)), count)
+    turn = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count) + 1.0
+    a, b = (0.5 + turn * 0.7548776662466927) % 1.0, (0.5 + turn * 0.5698402909980532) % 1.0
+    over = a + b > 1.0
+    a, b = (np.where(over, 1.0 - x, x)[:, None] for x in (a, b))
+    return np.asarray((1.0 - a - b) * faces[owner, 0] + a * faces[owner, 1] + b * faces[owner, 2])
 
 
 # paths alone: no returns, every surface a mirror
