@@ -40,7 +40,7 @@ class _Parser(argparse.ArgumentParser):
 class _CommandParser(_Parser):
     """Parser of a subcommand: names the option that an unknown one may have meant."""
 
-    def parse_known_args(self, args=None, namespace=None):  # type: ignore[no-untyped-def, override]
+    def parse_known_args(self, args=None, namespace=None):  # type: ignore[no-untyped-def]
         parsed, rest = super().parse_known_args(args, namespace)
         if rest:
             known = [option for action in self._actions for option in action.option_strings]

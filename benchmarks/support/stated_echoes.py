@@ -30,8 +30,6 @@ OTHERS = (
     "auto,error=-50",
     "auto,error=-35",
 )
-# kind of the rows of what an image measured of itself
-MEASURED = "witness"
 # pulses times points of the direct sum: two seconds; and pixels among them that hold what a few points leave
 DIRECT, BRIGHT = 6e4, 100
 
@@ -42,7 +40,7 @@ def focusers_outside(seed: int, names: tuple[str, ...] = OTHERS) -> Iterator[Row
 
 
 def focusers(seed: int, names: tuple[str, ...] = OTHERS, drawn: DrawnEchoes | None = None) -> Iterator[Row]:
-    """All focusers, or some and backprojection, on one drawn recording: their laws, and what they measured of it."""
+    """All focusers, or some and backprojection, on one drawn recording: what they measured of it."""
     topic = "focusers" if drawn is None else "focusers_outside"
     drawn = drawn or draw_echoes(seed)
     raw, grid = drawn.raw, drawn.grid
@@ -67,17 +65,16 @@ def _against(
     facts = image.metadata["focus"]
     stated = facts["stated_error_db"]
     true = image_error_db(image.data, exact)
-    note = "compensated" if "motion_compensation" in facts else ""
-    note += f" by {facts['method']}" if name.startswith("auto") else ""
-    yield Row("focusers", name, seed, case, np.nan if stated is None else stated, true, note=note)
-    if "motion_compensation" not in facts:  # there the witness is of the compensated data
-        yield Row("focusers", MEASURED, seed, f"{name} {case}", _measured(facts), true, note=note)
+    note = "compensated " if "motion_compensation" in facts else ""
+    note += f"by {facts['method']} " if name.startswith("auto") else ""
+    stated = np.nan if stated is None else stated
+    yield Row("focusers", name, seed, case, stated, true, note=note + _foretold(facts))
 
 
-def _measured(facts: Mapping[str, Any]) -> float:
-    """Level below which the error lies with 95 % probability, dB, by the image's own witness; NaN where none."""
+def _foretold(facts: Mapping[str, Any]) -> str:
+    """What the law said before the run; the statement is what the image measured of itself."""
     found = Witness.read(facts.get("witness"))
-    return np.nan if found is None else found.upper_db
+    return "by law alone" if found is None else f"foretold {found.law_db:.1f} dB"
 
 
 def _plain(windows: dict[str, str]) -> bool:
@@ -104,7 +101,5 @@ def _backprojections(seed: int, drawn: DrawnEchoes, best: np.ndarray | None) -> 
         error = np.sum(weight * np.abs(image.data[0].ravel()[pick] - exact) ** 2) / power.sum()
         stated = image.metadata["focus"]["stated_error_db"]
         true = 10.0 * float(np.log10(max(error, 1e-30)))
-        yield Row("focusers", name, seed, drawn.label, stated, true)
-        yield Row(
-            "focusers", MEASURED, seed, f"{name} {drawn.label}", _measured(image.metadata["focus"]), true
-        )
+        note = _foretold(image.metadata["focus"])
+        yield Row("focusers", name, seed, drawn.label, stated, true, note=note)

@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64, I32, I64
+from sarmitsuba.scene.mesh.flat_parts import join_flat_parts
 from sarmitsuba.scene.motion import STILL, Motion
 
 
@@ -52,6 +54,13 @@ class Geometry:
     def face_mesh(self) -> I64:
         """(n_faces,) mesh of each face."""
         return np.searchsorted(self.mesh_face_offset, np.arange(self.n_faces), side="right") - 1
+
+    @cached_property
+    def flat_parts(self) -> tuple[F64, I64]:
+        """Corners (n, 3, 3), m, of all triangles, flat parts of one mesh and material cut anew, and a face of each."""
+        corners = np.asarray(self.vertices[self.faces], dtype=np.float64)
+        kind = self.face_mesh * (int(self.face_material.max(initial=0)) + 1) + self.face_material
+        return join_flat_parts(corners, kind)
 
     @property
     def moves(self) -> bool:

@@ -13,11 +13,11 @@ from sarmitsuba.scene.materials.material import Material
 
 @dataclass(frozen=True, eq=False)
 class VisibleFaces:
-    """Triangles that waves meet.
+    """Triangles that waves meet, flat parts in as few as they need: what is said of them depends on no cut.
 
     Parameters
     ----------
-    face : (n,) int64, their numbers in the geometry
+    face : (n,) int64, number in the geometry of a face that each lies in, or is
     corners : (n, 3, 3) float64, m, scene frame
     metal : (n,) perfect conductors
     shape : (n,) int64, number of each one's mesh
@@ -31,10 +31,10 @@ class VisibleFaces:
     @staticmethod
     def of(geometry: Geometry, materials: Sequence[Material]) -> "VisibleFaces":
         """Faces whose material is not invisible."""
+        corners, face = geometry.flat_parts
         hidden, metal = (
-            np.array([getattr(m, name) for m in materials], dtype=bool)[geometry.face_material]
+            np.array([getattr(m, name) for m in materials], dtype=bool)[geometry.face_material[face]]
             for name in ("invisible", "metallic")
         )
-        face = np.flatnonzero(~hidden)
-        corners = np.asarray(geometry.vertices[geometry.faces[face]], dtype=np.float64)
-        return VisibleFaces(face, corners, metal[face], geometry.face_mesh[face])
+        face, metal = face[~hidden], metal[~hidden]
+        return VisibleFaces(face, corners[~hidden], metal, geometry.face_mesh[face])

@@ -19,8 +19,7 @@ OFF = ("height:@", "shift:@:x", "shift:@:y")
 
 def errors_over_sigma(drawn: Drawn, **options: object) -> np.ndarray:
     found = drawn.fitted(**options)
-    # what data confirm is tried in test_confirmation.py: of a town from two looks, not every height
-    assert found.converged
+    assert found.converged and (found.confirmed > CONFIRMED).all(), found.table()
     assert np.abs(found.start - drawn.truth).max() > 1.0
     return np.asarray((found.values - drawn.truth) / found.sigma)
 

@@ -124,15 +124,16 @@ def coherences(
 def confirmed(looks: Sequence[MeasuredLook], values: F64) -> F64:
     """(n_values,) least share of confirmed echoes of the shapes that each value moves, see :class:`Coherence`.
 
-    Of a level that of the diffuse echoes of its material, of other values that move no shape that of all echoes; NaN
-    for shapes and materials without echoes.
+    Of a level that of the diffuse echoes of its material, of other values that move no shape that of all echoes in the
+    cells that they change; NaN for shapes and materials without echoes.
     """
     found, moves = coherences(looks, values)
     out = least(((moves[mesh], one.share) for mesh, one in found.items()), len(values))
     still = ~np.any([np.zeros(len(values), dtype=np.bool_), *moves.values()], axis=0)
-    if any(still):
-        out[still] = everything(looks, values).share
-    for number, one in scattered(looks, values).items():
+    of_cells = scattered(looks, values)
+    still[list(of_cells)] = False
+    of_cells |= where_changed(looks, values, np.flatnonzero(still))
+    for number, one in of_cells.items():
         out[number] = one.share
     return out
 
@@ -170,18 +171,28 @@ def _levels(model: ForwardModel) -> dict[int, Level]:
     return found
 
 
-def everything(looks: Sequence[MeasuredLook], values: F64) -> Coherence:
-    """Coherence of all echoes."""
-    total = Coherence()
+def where_changed(
+    looks: Sequence[MeasuredLook], values: F64, numbers: NDArray[np.intp]
+) -> dict[int, Coherence]:
+    """Coherence of all echoes in the cells that hold most of the energy of the derivative by each of some values.
+
+    Echoes elsewhere say nothing of a value: a permittivity is that of the few cells of corners with the ground.
+    """
+    found: dict[int, Coherence] = {}
     for look in looks:
-        modelled = look.model.data(values)
+        if not len(numbers):
+            break
+        modelled, slopes = look.model.derivative(values)
         own, left = (
             np.fft.fft(one.astype(np.complex128), axis=-1) for one in (modelled, look.measured - modelled)
         )
         center = look.model.sampling.window.center
         noise = _noise(look, center, left)
-        total = total.plus(_coherence(look.model, center, own, left, noise, look.noise.samples))
-    return total
+        for number in map(int, numbers):
+            slope = np.fft.fft(slopes[number].astype(np.complex128), axis=-1)
+            one = _coherence(look.model, center, own, left, noise, look.noise.samples, slope)
+            found[number] = found.get(number, Coherence()).plus(one)
+    return found
 
 
 def least(shares: Iterable[tuple[NDArray[np.bool_], float]], n_values: int) -> F64:
@@ -193,7 +204,13 @@ def least(shares: Iterable[tuple[NDArray[np.bool_], float]], n_values: int) -> F
 
 
 def _coherence(
-    model: ForwardModel, center: F64, own: C128, left: C128, noise: float, samples: float
+    model: ForwardModel,
+    center: F64,
+    own: C128,
+    left: C128,
+    noise: float,
+    samples: float,
+    changed: C128 | None = None,
 ) -> Coherence:
     """Sums of one look from the spectra of some echoes and of what the model leaves of the data.
 
@@ -202,11 +219,11 @@ def _coherence(
     center : (3,) m, middle of what echoes
     noise : mean power of a cell, in the units of the data, W
     samples : of a range cell, which are alike
+    changed : spectrum whose cells are compared; None: those of the echoes
     """
     modelled = focused(model, center, own)
     measured = modelled + focused(model, center, left)
-    power = np.abs(modelled) ** 2
-    chosen = _own_cells(power)
+    chosen = _own_cells(np.abs(modelled if changed is None else focused(model, center, changed)) ** 2)
     count = int(chosen.sum())
     if count == 0:
         return Coherence()

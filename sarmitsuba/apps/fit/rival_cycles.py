@@ -78,7 +78,9 @@ def rival_cycles(looks: Sequence[MeasuredLook], values: F64, known: Mapping[int,
         if not len(moved):
             continue
         steps = [step for step in solutions(rows, moved)[0] if _another(rows, moved, step)][:MOST]
-        steps += [step for step in _neighbours(found, mesh, moved) if not _near(rows, moved, step, steps)]
+        # cycles of two looks that no change of the values joins leave the parts where they are
+        beside = [step for step in _neighbours(found, mesh, moved) if _another(rows, moved, step)]
+        steps += [step for step in beside if not _near(rows, moved, step, steps)]
         tried = [_stepped(values, moved, step) for step in steps]
         tried = [one for one in tried if looks[0].model.possible(one)]
         if tried:

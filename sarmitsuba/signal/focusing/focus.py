@@ -417,9 +417,11 @@ def focus(
         task = AutofocusTask(one, grid, focuser, range_window, azimuth_window, progress)
         raw, corrections["autofocus"] = remove_error(raw, chain.autofocus, task)
     focused = focuser.focus(FocusTask(raw, grid, range_window, azimuth_window, progress))
-    law_db = focuser.error_db(raw.radar, grid)
-    witness = witness_focusing(raw, focused.pixels, grid, focuser, chain.windows, law_db)
-    if witness is not None and corrections:
+    law_db = _sum_db(focuser.error_db(raw.radar, grid), left_db)
+    # of the track as recorded, whatever it was straightened to; an error that autofocus took out is in no record
+    measured = raw if chain.autofocus is not None else echoes
+    witness = witness_focusing(measured, focused.pixels, grid, focuser, chain.windows, law_db)
+    if witness is not None and chain.autofocus is not None:
         witness = replace(
             witness, reference=f"{witness.reference} of the data after {' and '.join(corrections)}"
         )
@@ -438,7 +440,9 @@ def focus(
     ):
         if text:
             warnings.warn(f"focus: {text}", SarmitsubaWarning, stacklevel=2)
-    stated = db_from_power(power_from_db(law_db) + power_from_db(left_db))
+    stated = law_db
+    if witness is not None:
+        stated = witness.upper_db if measured is echoes else _sum_db(witness.upper_db, left_db)
     facts = {
         "method": focuser.name,
         "stated_error_db": round(stated, 1) if np.isfinite(stated) else None,
@@ -469,6 +473,11 @@ def focus(
         incidence_angle=incidence,
         metadata={**raw.metadata, "focus": facts},
     )
+
+
+def _sum_db(first: float, second: float) -> float:
+    """Sum of two energies, dB."""
+    return float(db_from_power(power_from_db(first) + power_from_db(second)))
 
 
 def _of_the_radar(

@@ -321,10 +321,10 @@ def image_theory(scene: Scene, flags: KernelFlags) -> dict[str, object]:
         scene.geometry,
         np.array([m.metallic and not m.invisible for m in scene.materials], dtype=bool),
     )
-    metal = metallic[geometry.face_material] if geometry.n_faces else np.zeros(0, dtype=bool)
-    if not metal.any() or not flags.coherent:
+    if not geometry.n_faces or not metallic[geometry.face_material].any() or not flags.coherent:
         return {}
-    corners = np.asarray(geometry.vertices[geometry.faces[metal]], dtype=np.float64)
+    visible = VisibleFaces.of(geometry, scene.materials)
+    metal, corners = visible.metal, visible.corners[visible.metal]
     if too_many(corners, MOST_IMAGE_FACES):
         return {"why": f"{len(corners)} metal faces are too many to examine"}
     wavelength = scene.radar.waveform.wavelength
@@ -343,14 +343,13 @@ def image_theory(scene: Scene, flags: KernelFlags) -> dict[str, object]:
         "energy_m2": {c: float(v) for c, v in zip(channels, total, strict=True)},
         "why": largest,
     }
-    seen = ~np.array([m.invisible for m in scene.materials], dtype=bool)[geometry.face_material]
-    if flags.multi_bounce and metal[seen].all():
+    if flags.multi_bounce and metal.all():
         # a face of two folds is one of three that meet, whose echoes bounce three times
         bounces = 3 if left.folds.n > 2 and not left.folds.plain.any() else 2
         found["repeated_share"] = float(left.repeated_share(wavelength, bounces)[-1])
     if left.witness is not None:
         found["fold"] = left.witness.as_dict()
-        found["whole"] = bool(metal[seen].all() and left.folds.n == 1 and left.faces.n == 2)
+        found["whole"] = bool(metal.all() and left.folds.n == 1 and left.faces.n == 2)
     return found
 
 
