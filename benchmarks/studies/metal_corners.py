@@ -28,7 +28,7 @@ from sarmitsuba.loading.load import load_scene
 from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.scene.mesh import metal_corners
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.execution.batches import built
+from sarmitsuba.simulation.execution.batches import build_geometry
 from sarmitsuba.simulation.execution.refinement.error_bars import estimate_pass_error
 from sarmitsuba.simulation.execution.render import render
 from sarmitsuba.simulation.execution.run import Run
@@ -180,7 +180,7 @@ def scenes(count: int) -> None:
         rays = n_rays(Run(scene))
         scene_tables.corner_needs = timed
         try:
-            geometry = min(seconds(lambda scene=scene: built(scene)) for _ in range(ROUNDS))
+            geometry = min(seconds(lambda scene=scene: build_geometry(scene)) for _ in range(ROUNDS))
             plan = min(seconds(lambda scene=scene: Run(scene)) for _ in range(ROUNDS))
         finally:
             scene_tables.corner_needs = own

@@ -27,7 +27,7 @@ from sarmitsuba.simulation.execution.blocks import partition
 from sarmitsuba.simulation.execution.image import Imager
 from sarmitsuba.simulation.execution.path_table import PathTracer
 from sarmitsuba.simulation.execution.raw import echoes
-from sarmitsuba.simulation.execution.refinement.error_bars import with_error_bars
+from sarmitsuba.simulation.execution.refinement.error_bars import add_error_bars
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
@@ -125,7 +125,7 @@ def rays(seed: int) -> Iterator[Row]:
     dense = run.at(2.0 ** (-0.5 * DENSER))
     truth = _looks(dense, image) if method == "image" else converged(dense, image.grid)
     true = image_error_db(image.total(), truth)
-    bar = next(iter(with_error_bars(image).metadata["sampling_error"].values()))
+    bar = next(iter(add_error_bars(image).metadata["sampling_error"].values()))
     yield Row(
         "rays",
         "two sets of rays",

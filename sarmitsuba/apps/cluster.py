@@ -313,10 +313,10 @@ class SharedAuto(Auto):
     ) -> tuple[Focuser, str]:
         """The focuser used, distributed to the workers, and why."""
         found, reason = super().resolved(radar, grid, data_error_db)
-        return (shared(found, self.workers) if self.workers else found), reason
+        return (distribute_focuser(found, self.workers) if self.workers else found), reason
 
 
-def shared(focuser: Focuser, workers: DaskWorkers) -> Focuser:
+def distribute_focuser(focuser: Focuser, workers: DaskWorkers) -> Focuser:
     """The focuser distributed to workers; itself where it is not backprojection."""
     if type(focuser) is Auto:
         return SharedAuto(focuser.error, workers)

@@ -124,7 +124,7 @@ def _text(report: "CostReport", name: str, command: str) -> str:
         "sweep, to its best value",
         *table(report),
         "",
-        *_skipped(report),
+        *_list_skipped(report),
         f"the scene's own settings on the whole scene: {report.full_seconds:.2f} s "
         f"({'measured' if report.own.measured else 'predicted'})",
         f"cheapest combinations (m: measured; errors are of {report.proof.text}, relative to "
@@ -168,7 +168,7 @@ def _text(report: "CostReport", name: str, command: str) -> str:
     return "\n".join(lines)
 
 
-def _skipped(report: "CostReport") -> list[str]:
+def _list_skipped(report: "CostReport") -> list[str]:
     """Line about the sweeps that the budget left out."""
     names = ", ".join(report.skipped)
     return [f"not swept or cut short: {names}; a larger --budget with --resume sweeps them"] if names else []

@@ -381,10 +381,10 @@ def focus_into(
         return _compare(folder, raw, args, console, watch, record, style, request)
     focuser: str | Focuser = args.focuser
     if workers is not None:
-        from sarmitsuba.apps.cluster import shared
+        from sarmitsuba.apps.cluster import distribute_focuser
         from sarmitsuba.signal.focusing.focuser import parse_focuser
 
-        focuser = shared(parse_focuser(args.focuser), workers)
+        focuser = distribute_focuser(parse_focuser(args.focuser), workers)
     with watch.stage("focus"):
         image = focus(
             raw,

@@ -274,7 +274,9 @@ def _announcing(
         if args.raw == "chirped" and needs.raw_bytes:
             needs = needs.recorded(radar.window.n_samples, n_fast_chirped(radar))
         formats, channels = results.Formats.parse(args.format), run.scene.radar.channels
-        needs = results.with_files(needs, formats, channels, image=not args.no_focus, chart=not args.no_chart)
+        needs = results.add_file_needs(
+            needs, formats, channels, image=not args.no_focus, chart=not args.no_chart
+        )
         if args.labels:
             needs = needs.labelled(run.label_needs())
         needs = dataclasses.replace(needs, spent=(watch.total, time.process_time()))

@@ -26,7 +26,7 @@ from sarmitsuba.machine.output import OutputFolder
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.raw.raw_data import RawData
-from sarmitsuba.simulation.execution.refinement.error_bars import with_error_bars
+from sarmitsuba.simulation.execution.refinement.error_bars import add_error_bars
 from sarmitsuba.view.display import LARGEST, SMALLEST, PictureOptions, magnification
 
 if TYPE_CHECKING:
@@ -177,13 +177,13 @@ def saved_raw(
     return None
 
 
-def _stated(bar: Mapping[str, float]) -> str:
+def _format_error_bar(bar: Mapping[str, float]) -> str:
     """Text of an error bar."""
     bound = f", at most {bar['at_most_db']:.1f} dB" if "at_most_db" in bar else ""
     return f"{bar['error_db']:.1f} dB +- {bar['confidence_db']:.1f} dB{bound}"
 
 
-def with_files(
+def add_file_needs(
     needs: "Needs", formats: Formats, channels: Sequence[str], *, image: bool, chart: bool = True
 ) -> "Needs":
     """Predicted needs of a run including the writing of files and pictures (stage ``files``).
@@ -235,11 +235,11 @@ def store_image(
     others : gives focusers in place of the one used; called only where focusing takes long
     """
     with watch.stage("error bars"):
-        image = with_error_bars(image)
+        image = add_error_bars(image)
     errors = image.metadata.get("sampling_error", {})
     if errors:
         record["sampling_error"] = errors
-        text = ", ".join(f"{channel} {_stated(bar)}" for channel, bar in errors.items())
+        text = ", ".join(f"{channel} {_format_error_bar(bar)}" for channel, bar in errors.items())
         source = next(iter(errors.values()))["source"]
         console.say(f"sampling error of the image, measured here: {text} ({source})")
     found = _account(image, watch, others)

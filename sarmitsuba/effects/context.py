@@ -9,7 +9,7 @@ from sarmitsuba.core.arrays import F64, box_corners
 from sarmitsuba.core.units import amplitude_from_db, db_from_power, power_from_db
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.effects.slabs_between import seen_through
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 
@@ -277,7 +277,7 @@ class SceneContext:
     def materials(self) -> tuple[Material, ...]:
         """Materials that rays can hit, those of maps included."""
         used = np.unique(self.scene.geometry.face_material)
-        return with_parts([m for m in (self.scene.materials[i] for i in used) if not m.invisible])
+        return list_with_parts([m for m in (self.scene.materials[i] for i in used) if not m.invisible])
 
     @cached_property
     def unlike_materials(self) -> tuple[Material, ...]:

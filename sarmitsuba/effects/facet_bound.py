@@ -9,7 +9,7 @@ from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.context import PilotResult, SceneContext
 from sarmitsuba.scene.materials.diffuse import diffuse_tables
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 
 # nodes of the table of sigma0, 0 to 90 degrees
 _NODES = 91
@@ -64,7 +64,7 @@ def facet_bound(context: SceneContext, *, least_height: float = 0.0) -> FacetBou
     if context.sampling is None:
         return FacetBound(np.inf, np.inf, np.inf, np.inf)
     if not angles_known(context):
-        return _at_any_angle(context, least_height)
+        return _bound_any_angle(context, least_height)
     shape = context.shape
     sine, nearest, farthest = shape.incidence_bounds
     largest, ratio, total, towards = 0.0, -np.inf, 0.0, -np.inf
@@ -148,10 +148,10 @@ def _lowest_wavenumber(context: SceneContext) -> float:
 
 def _height(context: SceneContext, index: int) -> float:
     """Least rms height of a material and those of its maps, m."""
-    return min(m.rms_height for m in with_parts([context.scene.materials[index]]))
+    return min(m.rms_height for m in list_with_parts([context.scene.materials[index]]))
 
 
-def _at_any_angle(context: SceneContext, least_height: float) -> FacetBound:
+def _bound_any_angle(context: SceneContext, least_height: float) -> FacetBound:
     """Bound where a face may have any angle up to the greatest of the scene."""
     low, cell = np.array([context.incidence_cosine[0]]), _length(context, np.zeros(1)) * _width(context)
     largest, ratio, total = 0.0, -np.inf, 0.0
@@ -173,7 +173,7 @@ def _returns(context: SceneContext, index: int, integral: F64, low: F64, high: F
     )  # where x exp(-fall x) is largest
     sigma = 4.0 * np.pi / wavelength**2 * np.square(integral) * square * np.exp(-fall * square)
     sigma0 = np.full(len(low), np.inf)
-    for m in with_parts([context.scene.materials[index]]):
+    for m in list_with_parts([context.scene.materials[index]]):
         table = diffuse_tables(m, wavelength, _NODES)
         power = np.square(np.minimum(table.amplitude_h, table.amplitude_v))
         first = np.searchsorted(table.theta, np.arccos(high), side="right") - 1

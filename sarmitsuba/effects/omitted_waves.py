@@ -8,7 +8,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.core.arrays import F64, I64, unit_rows
-from sarmitsuba.scene.mesh.connected import connected
+from sarmitsuba.scene.mesh.connected import label_connected
 from sarmitsuba.scene.mesh.curvature import facet_curvature
 from sarmitsuba.scene.mesh.edge_pairs import edge_pairs
 from sarmitsuba.scene.mesh.pieces import SMOOTH_BEND, piece_of
@@ -163,8 +163,8 @@ def metal_lines(corners: F64, reflection: F64, wavelength: float) -> MetalLines:
     piece = piece_of(corners, vertex, pairs)
     edges = sharp_edges(corners, np.ones(len(corners), dtype=bool), WIDEST_GAP * wavelength)
     parts = (
-        _of_edges(edges, corners, piece, reflection, _onward(corners, vertex, piece, pairs)),
-        _of_curvature(corners, vertex, piece, reflection, wavelength),
+        _collect_edges(edges, corners, piece, reflection, _onward(corners, vertex, piece, pairs)),
+        _round_edges(corners, vertex, piece, reflection, wavelength),
     )
     return MetalLines(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(MetalLines)))
 
@@ -183,7 +183,7 @@ def _onward(corners: F64, vertex: I64, piece: I64, pairs: tuple[I64, I64]) -> F6
     return share
 
 
-def _of_edges(edges: SharpEdges, corners: F64, piece: I64, reflection: F64, onward: F64) -> MetalLines:
+def _collect_edges(edges: SharpEdges, corners: F64, piece: I64, reflection: F64, onward: F64) -> MetalLines:
     """Sharp edges, their collinear pieces joined; ``onward``: of :func:`_onward`."""
     if not edges.n:
         return _none()
@@ -199,9 +199,9 @@ def _of_edges(edges: SharpEdges, corners: F64, piece: I64, reflection: F64, onwa
     two = first[np.diff(first, append=node.size) == 2]
     a, b = order[two] % edges.n, order[two + 1] % edges.n
     on = np.abs(np.einsum("ei,ei->e", along[a], along[b])) > np.cos(SMOOTH_BEND)
-    chain = connected(edges.n, a[on], b[on])
+    chain = label_connected(edges.n, a[on], b[on])
     straight = np.abs(np.einsum("ei,ei->e", along[a], along[b])) > 1.0 - 1e-6
-    line = connected(edges.n, a[straight], b[straight])
+    line = label_connected(edges.n, a[straight], b[straight])
     whole = np.asarray(np.bincount(line, edges.length), dtype=np.float64)
     _, pick = np.unique(line, return_index=True)
     coherent = np.asarray(np.bincount(chain, edges.length)[chain][pick], dtype=np.float64)
@@ -301,7 +301,7 @@ def _outermost(corners: F64, piece: I64) -> I64:
     return np.concatenate(kept)
 
 
-def _of_curvature(corners: F64, vertex: I64, piece: I64, reflection: F64, wavelength: float) -> MetalLines:
+def _round_edges(corners: F64, vertex: I64, piece: I64, reflection: F64, wavelength: float) -> MetalLines:
     """Curved surface as rounded edges: each triangle turns by a share of half a turn over its area."""
     shape = facet_curvature(corners, piece, wavelength, vertex)
     if shape is None:

@@ -122,7 +122,7 @@ class PhaseHistory:
             )
 
 
-def joined(parts: Sequence[PhaseHistory]) -> PhaseHistory:
+def join_parts(parts: Sequence[PhaseHistory]) -> PhaseHistory:
     """Concatenate phase histories along the track.
 
     Raises

@@ -161,7 +161,7 @@ class _Included:
             )
         texts = self.texts
         elements = sum((times[file] - 1) * texts[file].elements for file in order)
-        size = sum(times[file] * texts[file].expanded(lengths) - texts[file].size for file in order)
+        size = sum(times[file] * texts[file].expand(lengths) - texts[file].size for file in order)
         if elements > _MOST_REPEATED or size > _MOST_EXPANDED:
             raise SceneError(
                 f"{self.name}: its includes and $ parameters written out come to {_many(elements)} more elements and "

@@ -49,7 +49,7 @@ class SceneText:
     steps: list[tuple[str | None, str]] = field(default_factory=list)
     substituted: list[str] = field(default_factory=list)
 
-    def expanded(self, lengths: Mapping[str, int]) -> int:
+    def expand(self, lengths: Mapping[str, int]) -> int:
         """Bytes with every parameter expanded."""
         return self.size + sum(substituted_length(value, lengths) for value in self.substituted)
 

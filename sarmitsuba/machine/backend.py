@@ -215,7 +215,7 @@ def llvm_version() -> str | None:
     import drjit.detail
 
     try:
-        return _dotted(drjit.detail.llvm_version())
+        return _format_version(drjit.detail.llvm_version())
     except (AttributeError, RuntimeError):
         return None
 
@@ -227,13 +227,13 @@ def gpu_description() -> str | None:
     if not dr.has_backend(dr.JitBackend.CUDA) or not _has_optix():
         return None
     try:
-        version = _dotted(dr.detail.cuda_version())
+        version = _format_version(dr.detail.cuda_version())
     except (AttributeError, RuntimeError):
         version = "unknown version"
     return f"NVIDIA GPU, CUDA driver {version}"
 
 
-def _dotted(version: Any) -> str:
+def _format_version(version: Any) -> str:
     return ".".join(str(part) for part in version) if isinstance(version, (tuple, list)) else str(version)
 
 

@@ -18,7 +18,7 @@ from sarmitsuba.radar.pattern import PATTERNS, Pattern
 from sarmitsuba.signal.focusing.windows import parse_window
 from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw.raw_data import Layer
-from sarmitsuba.view.page.paths import on_plane
+from sarmitsuba.view.page.paths import locate_on_plane
 from sarmitsuba.view.page.payload import side_lobes
 from sarmitsuba.view.page.quantised_profiles import page_grid, sample_beam
 from sarmitsuba.view.page.write import Packer
@@ -257,7 +257,9 @@ def test_range_and_rate_to_a_point_and_back(in_node: Node) -> None:
         assert got["range"] == pytest.approx(np.linalg.norm(p - x), rel=1e-12)
         assert got["rate"] == pytest.approx((p - x) @ v / np.linalg.norm(p - x), rel=1e-9, abs=1e-9)
         np.testing.assert_allclose(got["found"], x, rtol=0.0, atol=1e-4)  # tol: float64 over slant and ground
-        ours = on_plane(p, v, np.array([got["range"]]), np.array([got["rate"]]), x[2], drawn["across"][i])
+        ours = locate_on_plane(
+            p, v, np.array([got["range"]]), np.array([got["rate"]]), x[2], drawn["across"][i]
+        )
         np.testing.assert_allclose(got["found"], ours[0], rtol=0.0, atol=1e-6)
         assert got["nearer"] is None
 

@@ -16,8 +16,8 @@ from sarmitsuba.cli import main
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.simulation.execution.path_table import trace_paths
-from sarmitsuba.view.page.gltf import GRID, drawn, page_mesh
-from sarmitsuba.view.page.paths import ORDERS, on_plane, page_paths, pixels_of
+from sarmitsuba.view.page.gltf import GRID, draw_scene, page_mesh
+from sarmitsuba.view.page.paths import ORDERS, locate_on_plane, page_paths, pixels_of
 from sarmitsuba.view.page.write import Packer, write_page
 
 
@@ -35,13 +35,13 @@ def test_points_of_the_plane_are_found_from_range_and_rate() -> None:
         points[:, 2] = height
         way = position - points
         distance = np.linalg.norm(way, axis=1)
-        found = on_plane(position, velocity, distance, way @ velocity / distance, height, across)
+        found = locate_on_plane(position, velocity, distance, way @ velocity / distance, height, across)
         # tol: at 700 km float64 keeps 1e-10 m, times slant over ground range, at most 1e5
         np.testing.assert_allclose(found, points, rtol=0.0, atol=1e-4)
 
 
 def test_nearer_than_the_plane_is_nowhere() -> None:
-    found = on_plane(
+    found = locate_on_plane(
         np.array([0.0, 0.0, 100.0]),
         np.array([0.0, 10.0, 0.0]),
         np.array([99.0]),
@@ -204,7 +204,7 @@ def test_rods_are_drawn_as_prisms() -> None:
     """One mesh of their own, around their lines, with a material that no face of the scene has."""
     wire = WireTarget("wire", np.array([0.0, 1.0, 0.0]), np.array([0.0, 1.0, 5.0]), 0.05)
     scene = build_scene(wires=[wire, WireTarget("wire", np.zeros(3), np.array([9.0, 0.0, 4.0]), 1e-4)])
-    geometry, materials = drawn(scene)
+    geometry, materials = draw_scene(scene)
     assert materials == ("metal wires",) and geometry.mesh_names == ("wires",)
     loaded = trimesh.load(io.BytesIO(page_mesh(geometry, np.zeros(3)).glb), file_type="glb")
     ((name, mesh),) = loaded.geometry.items()

@@ -18,7 +18,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.comparison import alternatives
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.metrics import image_error_db
-from sarmitsuba.simulation.execution.refinement.error_bars import with_error_bars
+from sarmitsuba.simulation.execution.refinement.error_bars import add_error_bars
 from sarmitsuba.simulation.execution.render import simulate
 from tests.support.unweighted import focus
 
@@ -44,7 +44,7 @@ def image_of(
     scene = scene_of(name, options)
     scene = replace(scene, settings=replace(scene.settings, keep_subsets=True))
     raw = simulate(scene, seed=3, pass_index=pass_index)
-    return with_error_bars(focus(raw, focuser=focuser))
+    return add_error_bars(focus(raw, focuser=focuser))
 
 
 @cache

@@ -17,7 +17,7 @@ from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.planning.pilot import plan_scene
 from sarmitsuba.truth.validation import targets
 from sarmitsuba.truth.validation.band_sampling import X_BAND
-from sarmitsuba.truth.validation.chain import make_scene, unwarned
+from sarmitsuba.truth.validation.chain import make_scene, suppress_warnings
 
 SMALL = {
     "slant_range": 10e3,
@@ -172,7 +172,7 @@ def test_a_path_behind_panes_is_its_own_whatever_its_neighbours_do(seed: int) ->
         radar,
         settings=TraceSettings(ray_spacing=0.05, max_depth=12, effects={"wideband": "off"}),
     )
-    with unwarned():
+    with suppress_warnings():
         run = Run(scene)
     assert run.sampling is not None and run.plan.on("transmission")
     rays, layers = run.rays(run.sampling, 0), run.layers.layers

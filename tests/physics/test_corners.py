@@ -88,15 +88,15 @@ def test_between_its_glints_a_box_on_ground_returns_what_the_exact_solution_does
     """
     lobe = full_wave.SCENES["box"].cuts[1]
     pick = slice(1, 9)
-    exact = full_wave.stored()["box"][lobe.name][pick]
-    got = full_wave.simulated("box", lobe, pick, edges=True)
+    exact = full_wave.read_stored()["box"][lobe.name][pick]
+    got = full_wave.simulate_amplitudes("box", lobe, pick, edges=True)
     # tol: edges of 4 wavelengths, and waves between them: 1.5 % of the lobe; two mirrors would return 6.1
     assert np.abs(got[:, 1] - exact[:, 1]).max() < 1.3
     assert np.abs(got[:, 0] - exact[:, 0]).max() < 0.1 * np.abs(exact[:, 0]).max()
     low = full_wave.SCENES["box"].cuts[0]
     every = slice(0, None, 3)
-    exact = full_wave.stored()["box"][low.name][every]
-    got = full_wave.simulated("box", low, every, edges=True)
+    exact = full_wave.read_stored()["box"][low.name][every]
+    got = full_wave.simulate_amplitudes("box", low, every, edges=True)
     for i in (0, 2):
         # tol: second diffraction, a twentieth of the field
         assert np.linalg.norm(got[:, i] - exact[:, i]) < 0.075 * np.linalg.norm(exact[:, i])

@@ -14,7 +14,7 @@ from sarmitsuba.loading.build import MaterialLike, SceneMesh, build_scene
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.scene.ground import level_rim, outline, with_endless_ground
+from sarmitsuba.scene.ground import continue_ground, level_rim, outline
 from sarmitsuba.scene.mesh.tessellate import cube
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
@@ -266,8 +266,8 @@ def test_a_rim_that_is_not_level_is_said_to_echo() -> None:
     f = np.stack([first, first + 13, first + 14, first, first + 14, first + 1], axis=1).reshape(-1, 3)
 
     def notes(mesh: SceneMesh, switch: Switch = "auto") -> list[str]:
-        scene = with_endless_ground(seen([mesh], np.random.default_rng(1), switch))
-        assert with_endless_ground(scene) is scene
+        scene = continue_ground(seen([mesh], np.random.default_rng(1), switch))
+        assert continue_ground(scene) is scene
         return [note for note in scene.notes if "the echo of this edge is in the image" in note]
 
     hill = SceneMesh(v, f, "asphalt", "hill")
@@ -337,7 +337,7 @@ def test_the_interior_differs_by_side_lobes_of_the_clutter_outside_alone(name: s
         settings = TraceSettings(method=method, endless_ground=switch)
         return image_of(build_scene(meshes, radar=RadarDescription(**radar), film=film, settings=settings))  # type: ignore[arg-type]
 
-    asphalt = with_endless_ground(scene_with(HALF, "auto")).materials
+    asphalt = continue_ground(scene_with(HALF, "auto")).materials
     silent = asphalt[-1]  # the same without clutter
     goes_on, wide = image("asphalt", None, "auto"), image("asphalt", "asphalt", "off")
     outside = image(silent, "asphalt", "off")
@@ -349,27 +349,27 @@ def test_the_interior_differs_by_side_lobes_of_the_clutter_outside_alone(name: s
 
 def test_ground_continues_without_clutter_and_says_so_once() -> None:
     scene = scene_with(HALF, "auto")
-    grown = with_endless_ground(scene)
+    grown = continue_ground(scene)
     added = sorted(set(grown.geometry.face_material[scene.geometry.n_faces :].tolist()))
     assert [grown.materials[i].diffuse_law for i in added] == ["none"]
     own = scene.materials[int(scene.geometry.face_material[0])]
     assert [grown.materials[i].permittivity for i in added] == [own.permittivity]
     said = [note for note in grown.notes if "endless_ground = off" in note]
     assert len(said) == 1 and '"ground" at z = 0 m, without clutter' in said[0]
-    assert with_endless_ground(grown) is grown  # it reaches beyond all rays
+    assert continue_ground(grown) is grown  # it reaches beyond all rays
 
 
 @pytest.mark.parametrize("corners", [3, 5, 16])
 def test_polygons_grow_to_beyond_the_rays(corners: int) -> None:
     scene = scene_with(HALF, "auto", corners=corners, heading=40.0)
-    rim = level_rim(with_endless_ground(scene).geometry)
+    rim = level_rim(continue_ground(scene).geometry)
     assert rim is not None and len(rim.points) == corners
     half = 0.5 * np.hypot(scene.image.extent_azimuth, scene.image.extent_range)
     assert rim.distances(np.array([scene.image.center_x, scene.image.center_y])).min() > 1.2 * half
 
 
 def grows(scene: Scene) -> bool:
-    return with_endless_ground(scene).geometry is not scene.geometry
+    return continue_ground(scene).geometry is not scene.geometry
 
 
 def test_what_is_no_ground_ends_where_it_ends() -> None:
@@ -398,7 +398,7 @@ def test_what_is_no_ground_ends_where_it_ends() -> None:
         ("above the lowest shape", ground, SceneMesh(v + np.array([0.0, 9.0, -4.0]), f, "concrete")),
         ("", moving),
     ):
-        scene = with_endless_ground(
+        scene = continue_ground(
             build_scene(meshes, radar=RadarDescription(center_frequency=L_BAND), film=NARROW)
         )
         assert not grows(scene)

@@ -17,14 +17,14 @@ from sarmitsuba.truth.validation import full_wave
 @pytest.fixture
 def solver(benchmark_script: Callable[[str], ModuleType]) -> ModuleType:
     module = benchmark_script("full_wave_solver")
-    if not module.installed():
+    if not module.install():
         pytest.skip("bempp-cl or pyopencl is not installed: pip install '.[full-wave]'")
     return module
 
 
 def cut(name: str, index: int) -> tuple[full_wave.DirectionCut, full_wave.C128]:
     chosen = full_wave.SCENES[name].cuts[index]
-    return chosen, full_wave.stored()[name][chosen.name]
+    return chosen, full_wave.read_stored()[name][chosen.name]
 
 
 def test_the_stored_double_bounce_is_the_textbook_one() -> None:
@@ -69,7 +69,7 @@ def test_a_reference_with_a_cut_missing_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "short.json"
     path.write_text(json.dumps(given), encoding="utf-8")
     with pytest.raises(OutputError, match=rf"short.json: scene 'box', {lost}: \(90, 6\) numbers instead"):
-        full_wave.stored(path)
+        full_wave.read_stored(path)
 
 
 def test_bands_are_of_the_exact_level() -> None:

@@ -13,7 +13,7 @@ from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import PointTarget
-from sarmitsuba.scene.ground import with_endless_ground
+from sarmitsuba.scene.ground import continue_ground
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.execution.path_table import KINDS, PathTable, trace_paths
@@ -146,7 +146,7 @@ def test_paths_through_panes(seed: int) -> None:
     assert len(table) != len(bare) and set(np.unique(table.kind)) == {0, 1, 2, 3, 5}
     found = table[(table.kind != 3) & (table.kind != 5)]
     there = np.arange(found.points.shape[1]) < found.order[:, None]
-    geometry = with_endless_ground(scene).geometry  # rays also hit the ground beyond its rim
+    geometry = continue_ground(scene).geometry  # rays also hit the ground beyond its rim
     corners = geometry.vertices[geometry.faces[found.face[there]]]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -163,7 +163,7 @@ def test_paths_through_panes(seed: int) -> None:
 
 def assert_geometry_holds(table: PathTable, scene: Scene) -> None:
     """Bounces lie on the faces that are named, legs add up, mirrors mirror."""
-    geometry = with_endless_ground(scene).geometry
+    geometry = continue_ground(scene).geometry
     there = np.arange(table.points.shape[1]) < table.order[:, None]
     assert np.array_equal(np.isfinite(table.points).all(axis=2), there)
     traced = there & (table.kind != 3)[:, None]

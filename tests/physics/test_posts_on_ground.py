@@ -9,7 +9,7 @@ from sarmitsuba.loading.load import load_scene
 from sarmitsuba.simulation.execution.render import render
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.planning.sampling import chains
-from sarmitsuba.simulation.planning.sampling.chains import every_nth, halved
+from sarmitsuba.simulation.planning.sampling.chains import every_nth, halve_spacing
 from sarmitsuba.tracing.kernel.launch import lattice
 from sarmitsuba.truth.theory.half_space import fresnel
 
@@ -81,7 +81,7 @@ def test_a_post_narrower_than_a_cell_is_found_behind_the_ground(
 
 def test_halved_lattices_tile_the_same_area() -> None:
     grid = lattice(3.0, 2.0, 0.25)
-    finer = halved(grid)
+    finer = halve_spacing(grid)
     assert finer.n_rays == 4 * grid.n_rays and [one.spacing for one in finer.every_level] == [0.125]
     parts = sum(every_nth(grid, 5, k, 8).n_rays for k in range(5))
     assert parts == grid.n_rays

@@ -40,7 +40,7 @@ def looks_at(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
 def solved(corners: np.ndarray, length: float, look: np.ndarray, fields: np.ndarray) -> np.ndarray:
     """Amplitudes [direction, received, sent] at a wavelength of 1 m."""
     ensure_backend()
-    return scattering_matrices(WholeSurface.of(corners, length).meshed(length), 1.0, look, fields).matrices
+    return scattering_matrices(WholeSurface.of(corners, length).make_mesh(length), 1.0, look, fields).matrices
 
 
 def body(mesh: trimesh.Trimesh, material: object = "pec", **settings: object) -> Scene:
@@ -86,7 +86,7 @@ def test_a_thin_rod_at_resonance_against_a_wire_and_what_its_losses_change() -> 
     fields = np.stack(polarisation_vectors(look, np.array([0.0, 0.0, 1.0])), axis=1)
     rod = trimesh.creation.cylinder(length / 150.0, length, sections=8)
     whole = WholeSurface.of(np.asarray(rod.triangles), 1.0 / 7.0)
-    mesh = whole.meshed(1.0 / 16.0)
+    mesh = whole.make_mesh(1.0 / 16.0)
     assert not len(contacts(mesh.vertices, mesh.faces, 0.1 * mesh.length))
     ensure_backend()
     found = scattering_matrices(mesh, 1.0, look, fields)
@@ -99,7 +99,7 @@ def test_a_thin_rod_at_resonance_against_a_wire_and_what_its_losses_change() -> 
 
 def test_what_losses_change_is_the_difference_of_two_solutions(monkeypatch: pytest.MonkeyPatch) -> None:
     look, fields = looks_at(np.random.default_rng(3), 2)
-    mesh = WholeSurface.of(np.asarray(trimesh.creation.box((0.6, 0.5, 0.4)).triangles), 0.15).meshed(0.15)
+    mesh = WholeSurface.of(np.asarray(trimesh.creation.box((0.6, 0.5, 0.4)).triangles), 0.15).make_mesh(0.15)
     ensure_backend()
     lossy = scattering_matrices(mesh, 1.0, look, fields)
     monkeypatch.setattr(solution, "RESISTANCE", 0.0)
@@ -184,12 +184,12 @@ def test_mirrored_parts_are_the_whole_body() -> None:
         [[[0.0, -0.5, -0.4], [0, 0.5, -0.4], [0, 0.5, 0.4]], [[0, -0.5, -0.4], [0, 0.5, 0.4], [0, -0.5, 0.4]]]
     )
     for corners, planes in ((box, 3), (sheet, 2)):
-        part = WholeSurface.of(corners, 0.1).meshed(0.1)
+        part = WholeSurface.of(corners, 0.1).make_mesh(0.1)
         assert len(part.normals) == planes
         pieces = [part.vertices[part.faces]]
         for normal in part.normals:
             pieces += [p - 2.0 * (p @ normal)[..., None] * normal for p in pieces]
-        whole = WholeSurface.of(np.concatenate(pieces) + np.array([1e-7, 0.0, 0.0]), 0.1).meshed(0.1)
+        whole = WholeSurface.of(np.concatenate(pieces) + np.array([1e-7, 0.0, 0.0]), 0.1).make_mesh(0.1)
         ensure_backend()
         one = scattering_matrices(part, 1.0, look, fields).matrices
         joined, number = np.unique(
@@ -202,7 +202,7 @@ def test_mirrored_parts_are_the_whole_body() -> None:
         # tol: float32 in the far pairs and in the factorisation
         assert np.abs(one - two).max() < 1e-4 * np.abs(two).max()
     bumped = np.concatenate([box, box[:1] * 0.2 + [0.3, 0.1, 0.5]])
-    assert len(WholeSurface.of(bumped, 0.1).meshed(0.1).normals) < 3
+    assert len(WholeSurface.of(bumped, 0.1).make_mesh(0.1).normals) < 3
 
 
 def test_t_junctions_slivers_and_gaps_change_nothing() -> None:
@@ -221,7 +221,7 @@ def test_t_junctions_slivers_and_gaps_change_nothing() -> None:
             pieces += [np.array([a, m, c]), np.array([m, b, c])]
         torn += pieces
     corners = np.array(torn) + rng.uniform(-1e-4, 1e-4, (len(torn), 3, 3))
-    mesh = WholeSurface.of(corners, 0.09).meshed(0.09)
+    mesh = WholeSurface.of(corners, 0.09).make_mesh(0.09)
     assert mesh.closed.all()
     clean, cut = solved(np.asarray(box.triangles), 0.09, look, fields), solved(corners, 0.09, look, fields)
     # tol: two meshes of edges of an eleventh of a wavelength

@@ -11,7 +11,7 @@ from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.machine.backend import dr, ensure_backend, mi
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.simulation.execution import run, tracing
-from sarmitsuba.simulation.execution.batches import built
+from sarmitsuba.simulation.execution.batches import build_geometry
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.leg import Leg
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene
@@ -153,7 +153,7 @@ def test_what_stands_in_the_way_counts_on_every_leg(monkeypatch: pytest.MonkeyPa
     plain = raw(scene, monkeypatch, source)
 
     def halving(scene: Scene) -> TraceScene:
-        return replace(built(scene), passages=(Half(),))
+        return replace(build_geometry(scene), passages=(Half(),))
 
     monkeypatch.setattr(run, "built", halving)
     half = raw(scene, monkeypatch, source)

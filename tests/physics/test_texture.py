@@ -12,7 +12,7 @@ from sarmitsuba.machine.backend import dr
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.materials.material import ClassMap, Material, SurfaceMaps
-from sarmitsuba.scene.materials.texture import Bitmap, in_plan, on_mesh
+from sarmitsuba.scene.materials.texture import Bitmap, in_plan, place_on_mesh
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.signal.image import SarImage
 from tests.support.unweighted import render
@@ -136,7 +136,7 @@ def test_texture_coordinates_and_plan_are_two_ways_to_say_one_place() -> None:
     data = []
     for placement, attributes in (
         (in_plan((-SIZE, -SIZE, SIZE, SIZE), to_uv), {}),
-        (on_mesh(("uv",)), {"uv": uv[:, :2]}),
+        (place_on_mesh(("uv",)), {"uv": uv[:, :2]}),
     ):
         level = Bitmap(values, placement, repeat=True, smooth=True)
         scene = scene_of(replace(SOIL, maps=SurfaceMaps(level=level)), vertices, attributes=attributes)

@@ -85,7 +85,7 @@ def at(water: WaterTables, points: F64, time: float) -> tuple[F64, F64, F64]:
     material = dr.zeros(mi.UInt32, len(points))
     shift, velocity = water._orbit(mi.Vector3f(p), material, mi.Float(time))
     up = mi.Vector3f(0.0, 0.0, 1.0)
-    normal = water.tilted(up, mi.Vector3f(p), material, mi.Float(time))
+    normal = water.tilt(up, mi.Vector3f(p), material, mi.Float(time))
     return tuple(np.array(v).T for v in (shift, velocity, normal))  # type: ignore[return-value]
 
 

@@ -12,13 +12,13 @@ from sarmitsuba.apps.fit.confirmation import (
     LOOKED_AT,
     Coherence,
     coherences,
-    confirmed,
-    scattered,
+    confirm_values,
+    measure_scatter,
     where_changed,
 )
 from sarmitsuba.apps.fit.forward_model import ForwardModel
 from sarmitsuba.apps.fit.jacobian import parameters_of
-from sarmitsuba.apps.fit.material_parameters import with_material
+from sarmitsuba.apps.fit.material_parameters import change_material
 from sarmitsuba.apps.fit.measured_looks import looks_of
 from sarmitsuba.apps.fit.parsing import parse
 from tests.support.buildings import drawn_town, town
@@ -94,12 +94,12 @@ def test_a_level_is_confirmed_by_the_echoes_of_its_own_material(turn: float) -> 
     data, slopes = model.derivative()
     turned = (np.exp(1j * turn) - 1.0) * slopes[1] * 20.0 / np.log(10.0)
     looks = looks_of(scene, model.raw((data + turned).astype(np.complex64)), "gain,level:field0,level:field1")
-    found = scattered(looks, model.start)
+    found = measure_scatter(looks, model.start)
     # tol: what is turned counts as noise in part where the radar states none, and is taken off
     assert found[1].coherence == pytest.approx(np.cos(turn), abs=0.05)
     # tol: side lobes of the other field in these cells, a third of their energy at most
     assert found[2].coherence > 0.8 and sorted(found) == [1, 2]
-    assert confirmed(looks, model.start)[1:] == pytest.approx([found[1].share, found[2].share])
+    assert confirm_values(looks, model.start)[1:] == pytest.approx([found[1].share, found[2].share])
 
 
 @pytest.mark.parametrize("turn", [0.0, 1.2])
@@ -115,7 +115,7 @@ def test_what_moves_no_shape_is_confirmed_by_the_cells_that_it_changes(turn: flo
     found = where_changed(looks, model.start, np.arange(2))
     assert sorted(found) == [0, 1]
     assert (found[0].coherence < CONFIRMED) == (turn > 0.0)
-    assert confirmed(looks, model.start) == pytest.approx([found[0].share, found[1].share], nan_ok=True)
+    assert confirm_values(looks, model.start) == pytest.approx([found[0].share, found[1].share], nan_ok=True)
 
 
 @pytest.mark.slow
@@ -198,10 +198,10 @@ def test_cycles_of_height_and_place_are_found_together(seed: int) -> None:
 
 @pytest.mark.parametrize("rms_height", few_of([0.002, 0.008, 0.004, 0.012], 2))
 def test_sigma_of_an_rms_height_holds_where_its_mirror_vanishes(rms_height: float) -> None:
-    scene = with_material(fields(3, 1, 8), "field0", rms_height=rms_height)
+    scene = change_material(fields(3, 1, 8), "field0", rms_height=rms_height)
     model = ForwardModel(scene, parse("rms_height:field0", scene))
     raw, temperature = noisy(model.raw(model.data()), 20.0, 1)
-    start = with_material(scene, "field0", rms_height=1.1 * rms_height)
+    start = change_material(scene, "field0", rms_height=1.1 * rms_height)
     found = fit(
         replace(start, radar=replace(start.radar, noise_temperature=temperature)), raw, "rms_height:field0"
     )

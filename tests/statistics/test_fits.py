@@ -10,7 +10,7 @@ from sarmitsuba import Prior, fit, simulate
 from sarmitsuba.apps.fit.coarse_track import range_errors
 from sarmitsuba.apps.fit.forward_model import ForwardModel
 from sarmitsuba.apps.fit.least_squares import checked_iterations, known_priors
-from sarmitsuba.apps.fit.material_parameters import with_material
+from sarmitsuba.apps.fit.material_parameters import change_material
 from sarmitsuba.apps.fit.measured_looks import radar_differences
 from sarmitsuba.apps.fit.parsing import parse
 from sarmitsuba.apps.fit.radar_parameters import AntennaTrack
@@ -179,7 +179,7 @@ def test_ray_sets_spacings_and_seed_are_those_of_the_data() -> None:
     scene = fields(3, 1, 8)
     own = replace(scene.settings, keep_subsets=True, seed=7, diffuse_ray_spacing=0.3)
     data = simulate(replace(scene, settings=own))
-    start = with_material(scene, "field0", diffuse_level_db=-20.0)
+    start = change_material(scene, "field0", diffuse_level_db=-20.0)
     found = fit(start, data, "levels")
     truth = [m.diffuse_level_db for m in scene.materials]
     # tol: float32 data
@@ -293,7 +293,7 @@ def test_data_of_another_scene_are_left_unexplained() -> None:
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*prf")
 def test_a_turned_box_whose_walls_mirror_the_ground_is_found() -> None:
-    scene = with_material(fields(3, 1, 8), "wall", rms_height=0.002)
+    scene = change_material(fields(3, 1, 8), "wall", rms_height=0.002)
     model = ForwardModel(scene, parse("rotation:box", scene))
     found = fit(scene, model.raw(model.data(np.array([3e-4]))), "rotation:box")
     assert found.converged and abs(found.values[0] - 3e-4) < 1e-8  # tol: float32; rad

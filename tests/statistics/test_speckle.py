@@ -35,6 +35,6 @@ def test_the_tests_of_speckle_have_power() -> None:
     """What they accept is speckle: 2 % of a wrong mean or a coherent part of -20 dB is rejected."""
     rng = np.random.default_rng(3)
     z = (rng.standard_normal(100_000) + 1j * rng.standard_normal(100_000)) / np.sqrt(2.0)
-    assert theory.intensity_test(np.abs(z) ** 2, mean=1.0).accepted(0.999)
-    assert not theory.intensity_test(np.abs(z) ** 2, mean=1.03).accepted(0.999)
-    assert not theory.phase_test(z + 0.1).accepted(0.999)
+    assert theory.intensity_test(np.abs(z) ** 2, mean=1.0).accepts(0.999)
+    assert not theory.intensity_test(np.abs(z) ** 2, mean=1.03).accepts(0.999)
+    assert not theory.phase_test(z + 0.1).accepts(0.999)

@@ -21,7 +21,7 @@ def test_levels_shift_by_half_a_cell_of_their_own() -> None:
     grid = lattice(4.0, 4.0, 0.5)
     half = grid.n_rays // 2
     grid = replace(grid, levels=(LatticeLevel(0, 0.5, (0.1, np.inf)), LatticeLevel(half, 0.05, (0.0, 0.1))))
-    moved = blocks_module._shifted(grid)
+    moved = blocks_module._shift_lattice(grid)
     step = np.hypot(moved.x - grid.x, moved.y - grid.y)
     np.testing.assert_allclose(step[:half], 0.5 * np.sqrt(0.5), rtol=1e-5)  # tol: float32 coordinates
     np.testing.assert_allclose(step[half:], 0.05 * np.sqrt(0.5), rtol=1e-4)  # tol: float32 coordinates

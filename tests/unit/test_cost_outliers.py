@@ -11,7 +11,7 @@ import pytest
 
 from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene
 from sarmitsuba.apps.cost import trials as trials_module
-from sarmitsuba.apps.cost.model import corrected
+from sarmitsuba.apps.cost.model import correct_predictions
 from sarmitsuba.apps.cost.report import Candidate, CostReport, ProofRun, beaten, recommend
 from sarmitsuba.apps.cost.study import study_cost
 from sarmitsuba.apps.cost.trials import Changes, Trial, Trials, TrialSetting
@@ -167,12 +167,12 @@ def test_an_outlier_among_measured_candidates_corrects_no_other() -> None:
     ]
     runs = {i: ProofRun(-30.0, 1.1 * predicted[i].seconds) for i in range(3)}
     runs[3] = ProofRun(-30.0, 4.0 * predicted[3].seconds)
-    found = corrected(predicted, runs)
+    found = correct_predictions(predicted, runs)
     assert found[3].seconds == pytest.approx(32.0)  # as measured
     assert found[4].seconds == pytest.approx(1.1 * 16.0)
     # systematic differences stay: they are as many as the others
     runs[2] = ProofRun(-30.0, 4.0 * predicted[2].seconds)
-    assert corrected(predicted, runs)[4].seconds == pytest.approx(4.0 * 16.0)
+    assert correct_predictions(predicted, runs)[4].seconds == pytest.approx(4.0 * 16.0)
 
 
 def test_nothing_slower_and_no_more_accurate_than_the_scenes_own_setting_is_recommended() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene
 from sarmitsuba.apps.cost.clock import MeasuredClock, WorkClock
-from sarmitsuba.apps.cost.model import CostModel, corrected
+from sarmitsuba.apps.cost.model import CostModel, correct_predictions
 from sarmitsuba.apps.cost.report import Candidate, ProofRun, Reference, options_of, pareto, recommend
 from sarmitsuba.apps.cost.study import REFERENCES, field_of_proof, reference_depth, study_cost
 from sarmitsuba.apps.cost.sweeps import LEAST_DEPTH, SPACINGS, depths
@@ -102,7 +102,7 @@ def test_runs_correct_their_neighbours_of_the_same_method() -> None:
         candidate(-42.0, 16.0, 0.25),
         candidate(-20.0, 0.1, 1.0, "image"),
     ]
-    found = corrected(predicted, {0: ProofRun(-25.0, 1.5), 1: ProofRun(-33.0, 4.0)})
+    found = correct_predictions(predicted, {0: ProofRun(-25.0, 1.5), 1: ProofRun(-33.0, 4.0)})
     assert [c.measured for c in found] == [True, True, False, False]
     assert (found[0].error_db, found[0].seconds) == (-25.0, 1.5)
     # the third is nearer to the second; the image has no neighbour, so its time stays, its error moves by the median

@@ -296,7 +296,7 @@ def test_mean_level_is_the_mean_over_seeds(polarisation: str) -> None:
     grid = grid_of(scene)
     with_labels = echo_labels(scene, grid, {})[0]["expected_sigma0"].values
     run = EchoLabels(scene, grid, {})
-    area = run.imager.packed(np.zeros((with_labels.shape[2], *grid.shape), np.complex64)).cell_area
+    area = run.imager.pack(np.zeros((with_labels.shape[2], *grid.shape), np.complex64)).cell_area
     n = 200
     total, square = 0.0, 0.0
     for seed in range(n):

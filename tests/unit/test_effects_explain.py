@@ -22,7 +22,7 @@ from sarmitsuba.simulation.planning.prediction.both_ways import (
     measured_both_ways,
     ratio_margin,
     share_of,
-    switched,
+    switch_effect,
 )
 from sarmitsuba.simulation.planning.prediction.explanation import Explanation, explain
 from sarmitsuba.simulation.planning.prediction.prediction import predict
@@ -150,7 +150,7 @@ def _true_db(scene: Scene, run: Run, decision: Decision, interval: int) -> float
         image = focus(simulate(blocks, plan=plan))
         return {channel: image.total(channel) for channel in image.channels}
 
-    other = switched(scene, decision)
+    other = switch_effect(scene, decision)
     base, changed = images(scene, run.plan), images(other, run.otherwise(other).plan)
     ratios = [np.sum(np.abs(changed[c] - x) ** 2) / np.sum(np.abs(x) ** 2) for c, x in base.items()]
     return float(10.0 * np.log10(max(ratios)))

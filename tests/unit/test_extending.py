@@ -266,7 +266,7 @@ def check_an_antenna_pattern(example: Example, folder: Path) -> None:
     types = arrays()
     numbers = device_numbers(types.Float32, antenna.numbers)
     lanes = types.Float32(sine.astype(np.float32))
-    kernel = antenna.normalised(lanes, types.Float32(0.0), numbers, dr)
+    kernel = antenna.normalise(lanes, types.Float32(0.0), numbers, dr)
     np.testing.assert_allclose(np.asarray(kernel), got, atol=2e-6)  # tol: float32
     assert np.abs(simulate(load_scene(path)).total("HH")).max() > 0.0
 

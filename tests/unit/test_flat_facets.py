@@ -8,7 +8,7 @@ import trimesh
 from sarmitsuba.scene.mesh.boundary_edges import facets
 from sarmitsuba.scene.mesh.double_faces import double_faces
 from sarmitsuba.scene.mesh.edge_pairs import edge_pairs
-from sarmitsuba.scene.mesh.flattening import LARGEST_DISTANCE, flattened
+from sarmitsuba.scene.mesh.flattening import LARGEST_DISTANCE, flatten_facets
 from sarmitsuba.scene.mesh.sharp_edges import sharp_edges
 from sarmitsuba.scene.mesh.welding import copies_apart, weld
 
@@ -33,7 +33,7 @@ def test_noisy_plates_are_one_facet_of_four_sides(seed: int, noise: float) -> No
     corners = vertices[faces]
     vertex = weld(corners.reshape(-1, 3))
     pairs = edge_pairs(vertex)
-    flat = flattened(corners, pairs, WAVELENGTH)
+    flat = flatten_facets(corners, pairs, WAVELENGTH)
     assert np.abs(flat - corners).max() <= 2.0 * noise * WAVELENGTH
     normal = np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])
     size = np.linalg.norm(normal, axis=1)
@@ -55,7 +55,7 @@ def test_what_is_flat_or_curved_stays_as_it_is() -> None:
     for corners in (vertices[faces], np.asarray(sphere.vertices[sphere.faces])):
         pairs = edge_pairs(weld(corners.reshape(-1, 3)))
         # tol: rounding
-        assert np.abs(flattened(corners, pairs, WAVELENGTH) - corners).max() < 1e-15
+        assert np.abs(flatten_facets(corners, pairs, WAVELENGTH) - corners).max() < 1e-15
 
 
 def test_planes_that_bend_little_stay_two() -> None:
@@ -67,7 +67,7 @@ def test_planes_that_bend_little_stay_two() -> None:
     noisy = vertices + 1e-7 * rng.uniform(-1.0, 1.0, vertices.shape)
     corners = noisy[scipy.spatial.Delaunay(places).simplices]
     corners = corners[np.abs(corners[:, :, 0].sum(axis=1)) > 1e-3]
-    flat = flattened(corners, edge_pairs(weld(corners.reshape(-1, 3))), WAVELENGTH)
+    flat = flatten_facets(corners, edge_pairs(weld(corners.reshape(-1, 3))), WAVELENGTH)
     assert 0.0 < np.abs(flat - corners).max() < 2e-7
     normal = np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])
     normal /= np.linalg.norm(normal, axis=1)[:, None] * np.sign(normal[:, 2:])

@@ -13,7 +13,7 @@ from sarmitsuba.effects.fold_sections import (
     section_by_rays,
 )
 from sarmitsuba.effects.omitted_waves import metal_lines
-from sarmitsuba.effects.theory_error import beside_folds
+from sarmitsuba.effects.theory_error import remove_folds
 from sarmitsuba.simulation.execution.rcs import monostatic_rcs
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation import targets
@@ -124,7 +124,7 @@ def test_sections_of_wide_faces_are_scaled_down_and_said_so() -> None:
 def test_lines_beside_a_solved_fold_keep_their_ends_alone() -> None:
     corners = bent_plate(np.radians(105.0), np.array([3.0, 4.0]), 5.0)
     lines = metal_lines(corners, np.ones(len(corners)), 1.0)
-    kept = beside_folds(lines, find_folds(corners, 1.0))
+    kept = remove_folds(lines, find_folds(corners, 1.0))
     upright = np.abs(lines.along[:, 2]) > 0.5
     assert upright.sum() == 3 and np.isinf(kept.width[upright]).all()
     assert np.array_equal(kept.width[~upright], lines.width[~upright])

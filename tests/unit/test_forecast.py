@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from sarmitsuba.commands.results import Formats, least_bytes, with_files
+from sarmitsuba.commands.results import Formats, add_file_needs, least_bytes
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.raw.chirp import n_fast_chirped, to_chirped
@@ -87,11 +87,11 @@ def test_needs_are_worked_out_once() -> None:
 def test_files_and_pictures_are_in_what_a_command_says() -> None:
     run = Run(load_scene("plate"))
     needs, formats = run.needs(), Formats.parse("hdf5")
-    whole = with_files(needs, formats, ("HH",), image=True)
+    whole = add_file_needs(needs, formats, ("HH",), image=True)
     assert whole.seconds["files"] > 0.2 and whole.memory > needs.memory
-    more = with_files(needs, formats, ("HH", "VV"), image=True)
+    more = add_file_needs(needs, formats, ("HH", "VV"), image=True)
     assert more.seconds["files"] > whole.seconds["files"]
-    raw_only = with_files(needs, formats, ("HH",), image=False)
+    raw_only = add_file_needs(needs, formats, ("HH",), image=False)
     assert "focus" not in raw_only.seconds and raw_only.seconds["files"] < whole.seconds["files"]
 
 

@@ -27,7 +27,7 @@ from sarmitsuba.apps.fit.forward_model import ForwardModel
 from sarmitsuba.apps.fit.material_parameters import LevelMap
 from sarmitsuba.apps.fit.needed import Needed
 from sarmitsuba.apps.fit.parameter import Parameter, Step
-from sarmitsuba.apps.fit.parsing import offered, parse
+from sarmitsuba.apps.fit.parsing import list_parameters, parse
 from sarmitsuba.apps.fit.shape_offsets import MovingPart
 from sarmitsuba.core.errors import RadarError, SceneError
 from sarmitsuba.machine.backend import dr
@@ -156,7 +156,7 @@ def test_names_of_any_characters_can_be_given(name: str) -> None:
     found = parse(text, scene)
     assert [p.shape for p in found] == [name] * 3  # type: ignore[attr-defined]
     assert all(parse(p.label, scene) == (p,) for p in found)
-    assert {p.label for p in found} < set(offered(scene))
+    assert {p.label for p in found} < set(list_parameters(scene))
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 import sarmitsuba
 from sarmitsuba import Prior
 from sarmitsuba.apps.fit.least_squares import known_priors
-from sarmitsuba.apps.fit.losses import checked
+from sarmitsuba.apps.fit.losses import check_loss
 from sarmitsuba.apps.fit.parsing import parse
 from sarmitsuba.core.errors import DataError, SceneError
 from sarmitsuba.signal.raw.raw_data import RawData
@@ -53,7 +53,7 @@ def test_adjoints_of_any_size(size: float) -> None:
     """Adjoint data of 1e-60 gave a gradient of 0, of 1e200 one that is no number."""
     data = np.ones((1, 2, 2), dtype=np.complex64)
     double: Any = lambda d: (1.0, size * d.astype(np.complex128))  # noqa: E731
-    _, adjoint = checked(double, data)
+    _, adjoint = check_loss(double, data)
     np.testing.assert_array_equal(adjoint, size * data.astype(np.complex128))
 
 

@@ -10,7 +10,7 @@ from sarmitsuba.analysis.labels.echo_labels import NO_CLASS
 from sarmitsuba.apps.datasets.draw import Drawer
 from sarmitsuba.apps.datasets.recipe import read_recipe
 from sarmitsuba.apps.datasets.sample import make_sample
-from sarmitsuba.apps.datasets.sample_labels import _recoded
+from sarmitsuba.apps.datasets.sample_labels import _recode_layer
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.signal.pixel_labels import LabelLayer
 
@@ -63,11 +63,11 @@ def test_a_missing_table_gets_one_line(tmp_path: Path) -> None:
 def test_codes_become_those_of_the_data_set() -> None:
     values = np.array([[0, 1, 2], [3, 2, 1]], dtype=np.uint8)
     layer = LabelLayer(values, "", "material", {0: "none", 1: "wood", 2: "brick_4", 3: "other"})
-    found = _recoded(layer, ("asphalt", "brick", "wood", "other"))
+    found = _recode_layer(layer, ("asphalt", "brick", "wood", "other"))
     assert found.values.tolist() == [[0, 3, 2], [4, 2, 3]]
     assert found.codes == {0: "none", 1: "asphalt", 2: "brick", 3: "wood", 4: "other"}
     with pytest.raises(DataError, match='"wood" is not one of brick, other'):
-        _recoded(layer, ("brick", "other"))
+        _recode_layer(layer, ("brick", "other"))
 
 
 RECIPE = """

@@ -8,7 +8,7 @@ import pytest
 
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.scene.mesh.cleaning import clean_mesh, single_precision_step
-from sarmitsuba.scene.mesh.connected import connected
+from sarmitsuba.scene.mesh.connected import label_connected
 from sarmitsuba.scene.mesh.smooth_groups import smooth_groups
 from sarmitsuba.scene.mesh.tessellate import cube, cylinder, rectangle, sphere
 
@@ -217,7 +217,7 @@ def test_connected_parts_are_those_found_by_walking():
                 if part[here] < 0:
                     part[here] = parts - 1
                     walk += beside[here]
-        np.testing.assert_array_equal(connected(count, first, second), part)
+        np.testing.assert_array_equal(label_connected(count, first, second), part)
 
 
 def test_coordinates_rounded_to_single_precision_are_told_from_whole_metres():

@@ -13,10 +13,10 @@ from sarmitsuba.simulation.execution.refinement.error_bars import (
     PASSES_SHARED_DB,
     SHARED_DB,
     SHARED_SCATTER_DB,
+    add_error_bars,
     estimate_error,
     estimate_pass_error,
     has_subsets,
-    with_error_bars,
 )
 from sarmitsuba.simulation.execution.refinement.running_mean import Passes
 
@@ -114,8 +114,8 @@ def test_what_passes_said_stands() -> None:
     image = SarImage(
         data, layers, grid, 0.03, 2.0, 3.0, np.full(128, 0.8), {"refinement": {"sampling_error": said}}
     )
-    assert with_error_bars(image).metadata["sampling_error"] == said
-    own = with_error_bars(SarImage(data, layers, grid, 0.03, 2.0, 3.0, np.full(128, 0.8), {}))
+    assert add_error_bars(image).metadata["sampling_error"] == said
+    own = add_error_bars(SarImage(data, layers, grid, 0.03, 2.0, 3.0, np.full(128, 0.8), {}))
     assert "noise_db" in own.metadata["sampling_error"]["VV"]
 
 

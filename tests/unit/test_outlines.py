@@ -64,12 +64,12 @@ def test_a_raised_point_is_where_the_image_shows_it(
     file.write_text(small_scene(POINT.format(*place), **given))
     scene = sarmitsuba.load_scene(file)
     image = render(scene)
-    azimuth, range_ = ImagePlacement(image.grid.in_frame(scene.offset), scene.radar).imaged(
+    azimuth, range_ = ImagePlacement(image.grid.in_frame(scene.offset), scene.radar).locate(
         place[None] - scene.offset
     )
     row, column = np.unravel_index(int(image.rcs().argmax()), image.grid.shape)
     flat = place * (1.0, 1.0, 0.0)
-    on_ground = ImagePlacement(image.grid.in_frame(scene.offset), scene.radar).imaged(
+    on_ground = ImagePlacement(image.grid.in_frame(scene.offset), scene.radar).locate(
         flat[None] - scene.offset
     )
     # tol: a pixel and a half, of half a cell

@@ -76,7 +76,7 @@ def test_a_table_of_a_known_pattern_is_that_pattern(shape: str, tmp_path: Path) 
     types = arrays()
     numbers = device_numbers(types.Float32, measured.numbers)
     lanes = [types.Float32(np.asarray(a, dtype=np.float32)) for a in (azimuth, elevation)]
-    compiled = np.asarray(measured.normalised(*lanes, numbers, dr))
+    compiled = np.asarray(measured.normalise(*lanes, numbers, dr))
     assert np.abs(compiled - got).max() < 2e-5  # tol: linear steps of -99 dB; float32
 
 

@@ -60,7 +60,7 @@ def test_places_have_the_histories_of_their_points(seed: int, squint: float) -> 
     rng = np.random.default_rng(seed)
     radar, grid = made(rng, squint_angle_deg=squint)
     points = drawn_points(rng)
-    places = place_of(grid, *ImagePlacement(grid, radar).imaged(points))
+    places = place_of(grid, *ImagePlacement(grid, radar).locate(points))
     assert worst_difference(radar, points, places) < 1e-6  # tol: Newton's method ends at 1e-7 m
     antenna = ImagePlacement(grid, radar).antenna(points)
     assert np.abs(antenna - radar.track.center_position).max() < 1e-9
@@ -73,7 +73,7 @@ def test_places_of_two_antennas_have_the_same_way_of_both(seed: int) -> None:
     beside = radar.track.moved(rng.uniform(-150.0, 150.0) * radar.across + rng.uniform(-30.0, 30.0, 3))
     radar = replace(radar, receiver=beside)
     points = drawn_points(rng)
-    places = place_of(grid, *ImagePlacement(grid, radar).imaged(points))
+    places = place_of(grid, *ImagePlacement(grid, radar).locate(points))
     # tol: points off the plane have no place for all pulses: second order over the aperture
     assert worst_difference(radar, points, places) < 1e-4
 
@@ -86,7 +86,7 @@ def test_orbits_place_points_at_their_range_and_azimuth(seed: int) -> None:
     )
     points = drawn_points(rng)
     stopped = radar.start_stop()
-    places = place_of(grid, *ImagePlacement(grid, radar).imaged(points))
+    places = place_of(grid, *ImagePlacement(grid, radar).locate(points))
     # tol: at mid-aperture equal but for the curve of the track, a tenth of a millimetre
     assert worst_difference(stopped, points, places) < 1e-4
 
@@ -99,8 +99,8 @@ def test_a_recorded_track_that_errs_displaces_the_image(seed: int) -> None:
     radar = replace(radar, recorded=radar.track.moved(error))
     grid = default_grid(radar.as_recorded(), {"extent_azimuth": 60.0, "extent_range": 80.0})
     points = drawn_points(rng)
-    azimuth, range_ = ImagePlacement(grid, radar).imaged(points)
-    true = ImagePlacement(grid, replace(radar, recorded=None)).imaged(points)
+    azimuth, range_ = ImagePlacement(grid, radar).locate(points)
+    true = ImagePlacement(grid, replace(radar, recorded=None)).locate(points)
     assert azimuth - true[0] == pytest.approx(np.full(50, float(error @ radar.track.along)), abs=1e-4)
     assert range_ == pytest.approx(true[1], abs=1e-4)  # tol: Newton's method
 
@@ -111,7 +111,7 @@ def test_a_moving_point_is_displaced_by_its_doppler() -> None:
     points = drawn_points(rng)
     speed = 0.7
     motion = Motion.of(velocity=speed * radar.across)
-    rest, moved = (ImagePlacement(grid, radar).imaged(points, m)[0] for m in (Motion(), motion))
+    rest, moved = (ImagePlacement(grid, radar).locate(points, m)[0] for m in (Motion(), motion))
     line = points - radar.track.center_position
     rate = speed * line @ radar.across
     expected = -rate / float(np.linalg.norm(radar.track.velocity[0]))

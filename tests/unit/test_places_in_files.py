@@ -14,7 +14,7 @@ import scipy.io
 from matplotlib.figure import Figure
 
 from sarmitsuba.analysis.interferometry import block_grid
-from sarmitsuba.analysis.polarimetry import averaged
+from sarmitsuba.analysis.polarimetry import average_pixels
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.files import FORMATS, write_image, write_raw
 from sarmitsuba.files.geocoding import north_up
@@ -338,9 +338,9 @@ def test_averages_are_centred_on_what_they_average(seed: int) -> None:
         blocks = image.multilook(*looks, quantity="rcs")
         assert off(centre(blocks.power, blocks.azimuth, blocks.range), pixel) < SHARE, ("multilook", looks)
         coarse = block_grid(grid, looks)
-        means = averaged(power + 0j, looks, sliding=False).real
+        means = average_pixels(power + 0j, looks, sliding=False).real
         assert off(centre(means, coarse.azimuth, coarse.range), pixel) < SHARE, ("interferogram", looks)
-        means = averaged(power + 0j, looks, sliding=True).real
+        means = average_pixels(power + 0j, looks, sliding=True).real
         assert off(centre(means, grid.azimuth, grid.range), steps) < SHARE, ("sliding", looks)
         shown = prepare(image, PictureOptions(quantity="amplitude", looks=looks, limits=(0.0, 1.0)), 1600)
         low_r, _, low_a, _ = shown.extent

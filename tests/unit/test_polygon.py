@@ -4,7 +4,7 @@ import numpy as np
 
 from sarmitsuba.machine.backend import dr, ensure_backend, mi
 from sarmitsuba.tracing.kernel.tubes import polygon
-from sarmitsuba.tracing.kernel.tubes.tube import limited, patch, unlimited
+from sarmitsuba.tracing.kernel.tubes.tube import limit_extent, make_unlimited, patch
 
 SPACING = 0.25  # m
 
@@ -19,7 +19,7 @@ def bounds_of(middle: np.ndarray, half: np.ndarray, turn: np.ndarray) -> polygon
         inward = -np.stack([np.cos(angle), np.sin(angle)])
         offset = (inward * middle).sum(axis=0) - half[k % 2]
         edges.append(mi.Vector4f(*(mi.Float(x.astype(np.float32)) for x in (*inward, 0.0 * turn, offset))))
-    extent = limited(unlimited(), edges, point, u, v)
+    extent = limit_extent(make_unlimited(), edges, point, u, v)
     lines = polygon.facet_lines(edges, [mi.Bool(False)] * 4, point, u, v)
     return polygon.Bounds(lines, extent, patch(extent).rim, mi.Bool(True))
 
@@ -101,7 +101,7 @@ def test_cancelled_tubes_return_nothing() -> None:
     value, *_ = polygon.part_integral(q, u, v, bounds.part(), mi.Float(0.35))
     size = np.hypot(value.real.numpy(), value.imag.numpy())
     for kept_up_to, phase in ((None, polygon.INNER_UP_TO), (mi.Float(0.5), 0.5)):
-        cancelled = bounds.cancelled(q, u, v, kept_up_to).numpy()
+        cancelled = bounds.cancels(q, u, v, kept_up_to).numpy()
         fast = SPACING * np.hypot(*(x.numpy() for x in (q.x, q.y))) > phase + 1e-3  # tol: float32 rounding
         assert (cancelled == (fast & bounds.apart().numpy())).mean() > 0.999  # but for phases near the limit
         assert 0.2 < cancelled.mean() < 0.95

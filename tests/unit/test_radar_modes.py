@@ -12,7 +12,7 @@ from sarmitsuba.radar.builder import build_radar
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.image_request import Extent
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.radar.swath import lit, outline
+from sarmitsuba.radar.swath import illuminate_points, outline
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.execution.render import simulate
@@ -219,14 +219,14 @@ def test_what_has_its_whole_aperture() -> None:
     flown = float(np.linalg.norm(np.ptp(strip.track.position, axis=0)))
     aperture = 2.0 * 5e3 * strip.half_aperture
     x = np.linspace(-300.0, 300.0, 401)
-    got = lit(strip, x[:, None] * strip.track.along)
+    got = illuminate_points(strip, x[:, None] * strip.track.along)
     half = 0.5 * (flown - aperture)
     # tol: steps of 1.5 m
     assert np.ptp(x[got.whole]) == pytest.approx(2.0 * half, abs=5.0)
     wide = 0.5 * flown + 5e3 * np.tan(np.radians(1.0))
     assert np.ptp(x[got.ever]) == pytest.approx(min(2.0 * wide, 600.0), abs=5.0)
     spot = radar_of(mode="spotlight", **beam)
-    held = lit(spot, x[:, None] * spot.track.along)
+    held = illuminate_points(spot, x[:, None] * spot.track.along)
     assert np.ptp(x[held.whole]) == pytest.approx(2.0 * 5e3 * np.tan(np.radians(1.0)), abs=6.0)
     with pytest.raises(RadarError, match="isotropic illuminates everything and has no outline"):
         outline(replace(spot, antenna=radar_of().antenna), 0)

@@ -11,9 +11,9 @@ import pytest
 import sarmitsuba
 from sarmitsuba import Scene, SquaredDifference, focusing_operator, gradient, jacobian, simulate
 from sarmitsuba.apps.fit.forward_model import MOST_TEXELS, ForwardModel
-from sarmitsuba.apps.fit.losses import MultilookDifference, multilooked
+from sarmitsuba.apps.fit.losses import MultilookDifference, average_looks
 from sarmitsuba.apps.fit.parsing import parse
-from sarmitsuba.apps.fit.reverse import Objective, transposed
+from sarmitsuba.apps.fit.reverse import Objective, apply_transpose
 from sarmitsuba.core.arrays import C64
 from sarmitsuba.core.errors import DataError, ResourceError, SceneError
 from sarmitsuba.machine.backend import dr
@@ -75,7 +75,7 @@ def test_gradient_is_the_product_of_adjoint_data_and_jacobian(name: str) -> None
     values = model.start + rng.uniform(-0.004, 0.004, len(model.start)) if moved else None
     data, planes = model.derivative(values)
     adjoint = adjoint_of(rng, data)
-    found, memory = transposed(model, adjoint, values)
+    found, memory = apply_transpose(model, adjoint, values)
     expected, size = products(adjoint, planes)
     assert size.all() and (memory > 0 or name == "edges")
     # tol: float32 sums of adjoint grids and of planes, and weights of rays on both sides of edges, whose returns cancel
@@ -92,7 +92,7 @@ def test_edges_are_left_out_on_request() -> None:
     found = gradient(scene, "heights", lambda d: (0.0, adjoint), edges=False).gradient
     # tol: float32 sums of adjoint grids and of planes
     assert np.abs((found - expected) / size).max() < 1e-6
-    with_edges, _ = transposed(model, adjoint)
+    with_edges, _ = apply_transpose(model, adjoint)
     assert np.abs((with_edges - found) / size).max() > 1e-5
     assert np.array_equal(jacobian(scene, "heights", edges=False).derivative, planes)
 
@@ -137,7 +137,7 @@ def test_one_kernel_serves_any_number_of_shapes_and_any_adjoint_data() -> None:
         adjoint = adjoint_of(np.random.default_rng(seed), model.data())
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
             dr.kernel_history_clear()
-            transposed(model, adjoint)
+            apply_transpose(model, adjoint)
             return {entry["hash"] for entry in dr.kernel_history() if "hash" in entry}
 
     assert kernels(2, 1) == kernels(4, 2)
@@ -146,7 +146,7 @@ def test_one_kernel_serves_any_number_of_shapes_and_any_adjoint_data() -> None:
 def test_zero_adjoint_data_give_zero() -> None:
     scene = city(4, 1, pitch=8.0, settings={"max_depth": 1})
     model = ForwardModel(scene, parse("heights,levels", scene))
-    found, memory = transposed(model, np.zeros(model.shape, dtype=np.complex64))
+    found, memory = apply_transpose(model, np.zeros(model.shape, dtype=np.complex64))
     assert not found.any() and memory > 0  # of grids that are not made
 
 
@@ -166,8 +166,8 @@ def test_losses_change_by_their_adjoint_data() -> None:
     losses = [
         SquaredDifference(other),
         SquaredDifference(replace(raw, data=other), weights=rng.uniform(0.0, 2.0, raw.data.shape[1:])),
-        MultilookDifference(operator, multilooked(image, (3, 2)), (3, 2)),
-        MultilookDifference(operator, multilooked(image, (2, 2), amplitude=True), (2, 2), amplitude=True),
+        MultilookDifference(operator, average_looks(image, (3, 2)), (3, 2)),
+        MultilookDifference(operator, average_looks(image, (2, 2), amplitude=True), (2, 2), amplitude=True),
     ]
     for loss in losses:
         value, adjoint = loss(data)

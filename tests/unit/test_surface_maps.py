@@ -12,9 +12,14 @@ from sarmitsuba.core.errors import SceneError
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.loading.plugins import register_plugins
 from sarmitsuba.machine.backend import mi
-from sarmitsuba.scene.materials.map_materials import MOST_LEVELS, map_attributes, varied, with_parts
+from sarmitsuba.scene.materials.map_materials import (
+    MOST_LEVELS,
+    list_with_parts,
+    map_attributes,
+    vary_material,
+)
 from sarmitsuba.scene.materials.material import ClassMap, Material, SurfaceMaps
-from sarmitsuba.scene.materials.texture import Bitmap, in_plan, on_mesh
+from sarmitsuba.scene.materials.texture import Bitmap, in_plan, place_on_mesh
 
 GREY = np.array([[0, 51, 255], [102, 51, 51]], dtype=np.uint8)
 LAW = '<string name="diffuse_law" value="constant"/>'
@@ -123,7 +128,7 @@ def test_classes_by_grey_value_or_colour(tmp_path: Path, colours: bool) -> None:
     cover = f'<bsdf type="land_cover">{bitmap("class_map", file)}{extent}{classes}</bsdf>'
     scene = load_scene(scene_file(tmp_path, cover))
     found = maps_of(scene).classes
-    assert found is not None and len(with_parts(scene.materials)) == 5
+    assert found is not None and len(list_with_parts(scene.materials)) == 5
     levels = np.array([m.diffuse_level_db for m in found.materials])
     want = {0: -10.0, 51: -11.0, 102: -12.0, 255: -13.0}
     numbers = at(scene, found.bitmap, POINTS)
@@ -156,7 +161,7 @@ def test_permittivity_and_roughness_make_materials(tmp_path: Path) -> None:
 
 def test_many_values_are_rounded_to_equal_steps_in_db() -> None:
     values = np.random.default_rng(3).uniform(3.0, 30.0, (70, 80))
-    number, parts = varied(Material("soil", permittivity=9.0 - 1.0j), values, None)
+    number, parts = vary_material(Material("soil", permittivity=9.0 - 1.0j), values, None)
     assert len(parts) <= MOST_LEVELS
     off = np.abs(np.log([parts[int(k)].permittivity.real for k in number.ravel()] / values.ravel()))
     assert off.max() <= 0.5 * np.log(10.0) / (MOST_LEVELS - 1) * (1.0 + 1e-9)
@@ -237,7 +242,7 @@ def test_faces_that_are_cleaned_away_take_their_attributes_along() -> None:
         pec=True,
         diffuse_law="constant",
         diffuse_level_db=-10.0,
-        maps=SurfaceMaps(level=Bitmap(np.ones((1, 1)), on_mesh(("face_k",)))),
+        maps=SurfaceMaps(level=Bitmap(np.ones((1, 1)), place_on_mesh(("face_k",)))),
     )
     faces = [[0, 1, 1], [0, 1, 2], [2, 1, 0], [0, 2, 3]]
     mesh = SceneMesh(SQUARE, faces, own, attributes={"face_k": np.array([0.1, 0.2, 0.3, 0.4])})

@@ -468,12 +468,12 @@ def test_foreshortening() -> None:
 def test_speckle_tests_accept_speckle_and_reject_others() -> None:
     rng = np.random.default_rng(1)
     z = (rng.standard_normal(100_000) + 1j * rng.standard_normal(100_000)) / np.sqrt(2.0)
-    assert theory.intensity_test(np.abs(z) ** 2, mean=1.0).accepted(0.999)
-    assert theory.phase_test(z).accepted(0.999)
+    assert theory.intensity_test(np.abs(z) ** 2, mean=1.0).accepts(0.999)
+    assert theory.phase_test(z).accepts(0.999)
     four = np.mean(rng.exponential(size=(4, 100_000)), axis=0)
-    assert theory.intensity_test(four, mean=1.0, looks=4.0).accepted(0.999)
-    assert not theory.intensity_test(four, mean=1.0).accepted(0.999)
-    assert not theory.phase_test(z + 0.1).accepted(0.999)  # a coherent part of -20 dB is seen
+    assert theory.intensity_test(four, mean=1.0, looks=4.0).accepts(0.999)
+    assert not theory.intensity_test(four, mean=1.0).accepts(0.999)
+    assert not theory.phase_test(z + 0.1).accepts(0.999)  # a coherent part of -20 dB is seen
     # tol: three standard errors of the ENL, sqrt(8 / n) for one look
     assert theory.equivalent_number_of_looks(np.abs(z) ** 2) == pytest.approx(1.0, abs=3 * np.sqrt(8 / 1e5))
     assert theory.equivalent_number_of_looks(four) == pytest.approx(4.0, rel=0.03)

@@ -7,7 +7,7 @@ import trimesh
 from sarmitsuba.core.arrays import C128, F64, I64
 from sarmitsuba.scene.mesh import thin_rims
 from sarmitsuba.scene.mesh.sharp_edges import SharpEdges, sharp_edges
-from sarmitsuba.scene.mesh.thin_rims import ELECTRIC, ONE_EDGE, wedge_shares, with_thin_rims
+from sarmitsuba.scene.mesh.thin_rims import ELECTRIC, ONE_EDGE, replace_thin_rims, wedge_shares
 from sarmitsuba.tracing.scatterers.edges.diffraction import edges_of
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.theory.moments import strips_by_moments
@@ -46,9 +46,9 @@ def test_neighbours_of_edges_of_all_lengths_are_those_of_brute_force(
     def everyone(_: SharpEdges, rows: I64, __: float) -> I64:
         return rows[np.stack(np.triu_indices(rows.size, 1))]
 
-    found = with_thin_rims(edges, 0.03)
+    found = replace_thin_rims(edges, 0.03)
     monkeypatch.setattr(thin_rims, "_near", everyone)
-    expected = with_thin_rims(edges, 0.03)
+    expected = replace_thin_rims(edges, 0.03)
     assert (found.thickness > 0.0).sum() > 100
     assert np.array_equal(found.middle, expected.middle)
 
@@ -60,7 +60,7 @@ def test_rims_of_drawn_plates_in_any_place(seed: int) -> None:
     turn = trimesh.transformations.random_rotation_matrix(rng.uniform(size=3))
     turn[:3, 3] = rng.uniform(-5.0, 5.0, 3)
     size = np.append(rng.uniform(0.5, 3.0, 2), rng.uniform(0.002, 0.03))
-    found = with_thin_rims(edges_of_box(size, divided=seed % 3, turn=turn), 1.0)
+    found = replace_thin_rims(edges_of_box(size, divided=seed % 3, turn=turn), 1.0)
     rims = found.of(found.thickness > 0.0)
     assert (rims.angle == 2.0).all()
     assert rims.length.sum() == pytest.approx(2.0 * size[:2].sum(), rel=1e-9)
@@ -78,13 +78,13 @@ def test_rims_of_drawn_plates_in_any_place(seed: int) -> None:
 
 def test_parts_of_rims_and_wedges_add_up() -> None:
     for thickness in np.linspace(0.005, 0.25, 30):
-        found = with_thin_rims(edges_of_box(np.array([1.3, 2.0, thickness])), 1.0)
+        found = replace_thin_rims(edges_of_box(np.array([1.3, 2.0, thickness])), 1.0)
         shares = wedge_shares(np.array([thickness]))[0]
         length = [float((x.parts[:, i] * x.length).sum()) for x in (found,) for i in (0, 1)]
         # two wedges or one rim for each of the four sides
         assert length == pytest.approx((1.0 + shares) * 6.6 + 4.0 * thickness)
     assert not (
-        with_thin_rims(edges_of_box(np.array([1.3, 2.0, 1.01 * ONE_EDGE])), 1.0).thickness > 0.0
+        replace_thin_rims(edges_of_box(np.array([1.3, 2.0, 1.01 * ONE_EDGE])), 1.0).thickness > 0.0
     ).any()
 
 
@@ -99,7 +99,7 @@ def test_a_longer_neighbour_keeps_what_the_rim_does_not_cover() -> None:
         [cap[:, ::-1], cap + 6, np.column_stack([i, j, j + 6]), np.column_stack([i, j + 6, i + 6])]
     )
     corners = np.concatenate([low, high])[faces]
-    found = with_thin_rims(sharp_edges(corners, np.ones(len(corners), dtype=bool)), 1.0)
+    found = replace_thin_rims(sharp_edges(corners, np.ones(len(corners), dtype=bool)), 1.0)
     rims = found.of(found.thickness > 0.0)
     # the end of the thin part, and its two sides of one unit
     assert np.sort(rims.length) == pytest.approx([1.0, 1.0, 1.5])
@@ -109,13 +109,13 @@ def test_a_longer_neighbour_keeps_what_the_rim_does_not_cover() -> None:
 
 
 def test_thin_bars_and_wedges_of_other_angles_stay() -> None:
-    bar = with_thin_rims(edges_of_box(np.array([0.03, 0.04, 2.0])), 1.0)
+    bar = replace_thin_rims(edges_of_box(np.array([0.03, 0.04, 2.0])), 1.0)
     assert bar.length[bar.thickness > 0.0].max() < 0.05
     assert bar.parts[bar.length > 1.0].min() == 1.0
     tapered = trimesh.creation.box(extents=[1.0, 2.0, 0.02])
     tapered.vertices[tapered.vertices[:, 2] > 0, :2] *= 0.98
     corners = np.asarray(tapered.vertices)[tapered.faces]
-    assert not with_thin_rims(sharp_edges(corners, np.ones(len(corners), dtype=bool)), 1.0).thickness.any()
+    assert not replace_thin_rims(sharp_edges(corners, np.ones(len(corners), dtype=bool)), 1.0).thickness.any()
 
 
 def test_a_plate_on_its_ground_has_rims_where_nothing_touches() -> None:

@@ -196,13 +196,13 @@ def echo_labels(
         where, power, _ = echoes.groups.powers_of(wanted, OWN_PLACE)
         energy[(*where, mechanism)] = power
         by_mechanism.add(mechanism + 1, where, power)
-    layers |= _of_parts("mechanism", "mechanism of most of the power", by_mechanism, MECHANISMS)
+    layers |= _make_part_layers("mechanism", "mechanism of most of the power", by_mechanism, MECHANISMS)
     layers["mechanism_energy"] = LabelLayer(
         energy, "m^2", "power of the echoes of each mechanism, as RCS, summed over channels", parts=MECHANISMS
     )
     instances, by_shape, own = _instances(echoes, points or (lambda: surface_points(scene, grid)))
     numbered = {i + 1: name for i, name in enumerate(echoes.shapes.names)}
-    layers |= _of_parts("instance", "shape of most of the power", by_shape, echoes.shapes.names)
+    layers |= _make_part_layers("instance", "shape of most of the power", by_shape, echoes.shapes.names)
     layers["second_instance"] = LabelLayer(
         by_shape.second, "", "shape of the second most power; 0: none", {0: "none", **numbered}
     )
@@ -216,11 +216,13 @@ def echo_labels(
         {0: "no", 1: "yes"},
     )
     layers |= _material_and_class(echoes, with_classes=classes is not None)
-    layers |= _expected(echoes, energy)
+    layers |= _make_expected_layers(echoes, energy)
     return layers, instances, _notes(echoes)
 
 
-def _of_parts(name: str, text: str, shares: EchoShares, names: Sequence[str]) -> dict[str, LabelLayer]:
+def _make_part_layers(
+    name: str, text: str, shares: EchoShares, names: Sequence[str]
+) -> dict[str, LabelLayer]:
     """Layers of the strongest part and of its share."""
     codes = {0: "none", **{i + 1: part for i, part in enumerate(names)}}
     kind = np.uint8 if len(names) < 255 else np.int32
@@ -291,7 +293,7 @@ def _material_and_class(echoes: EchoLabels, *, with_classes: bool) -> dict[str, 
     """Layers of the dominating material, and of the dominating class where there is a table of classes."""
     materials = echoes.owners.materials
     found = echoes.shares(echoes.owners.material[echoes.owner])
-    layers = _of_parts("material", "material of most of the power", found, materials)
+    layers = _make_part_layers("material", "material of most of the power", found, materials)
     if with_classes:
         names = tuple(dict.fromkeys(echoes.classes.values()))
         of_shape = [
@@ -301,11 +303,11 @@ def _material_and_class(echoes: EchoLabels, *, with_classes: bool) -> dict[str, 
         of_group = np.array([*of_shape, -1])[echoes.shape]
         # shapes without a class take part in the sum of powers
         found = echoes.shares(np.where(of_group < 0, len(names), of_group))
-        layers |= _of_parts("class", "semantic class of most of the power", found, (*names, NO_CLASS))
+        layers |= _make_part_layers("class", "semantic class of most of the power", found, (*names, NO_CLASS))
     return layers
 
 
-def _expected(echoes: EchoLabels, energy: F32) -> dict[str, LabelLayer]:
+def _make_expected_layers(echoes: EchoLabels, energy: F32) -> dict[str, LabelLayer]:
     """Layers of the mean level over realisations, and of the shares of mechanisms in it."""
     groups = echoes.groups
     steady = ~np.isin(echoes.mechanism, list(groups.powers))
@@ -315,7 +317,7 @@ def _expected(echoes: EchoLabels, energy: F32) -> dict[str, LabelLayer]:
     for mechanism, power in groups.powers.items():
         mean += power
         parts[..., mechanism] = power.sum(axis=0)
-    area = echoes.imager.packed(coherent).cell_area
+    area = echoes.imager.pack(coherent).cell_area
     shares = parts / np.maximum(parts.sum(axis=-1, keepdims=True), np.float32(1e-37))
     return {
         "expected_sigma0": LabelLayer(

@@ -78,7 +78,7 @@ def fragments(
     for start in range(0, len(corners), _CHUNK):
         rows = np.arange(start, min(start + _CHUNK, len(corners)))
         for triangle, place, face in _straight(corners[rows], rows, placed, shape, antenna, reached):
-            found += list(_filled(triangle, place, face, shape))
+            found += list(_fill_triangles(triangle, place, face, shape))
     return Fragments.joined(found)
 
 
@@ -128,8 +128,12 @@ def _straight(
                 continue
             # divided edges first
             turn = _turn(divided[pick])
-            nodes = np.concatenate([_turned(corners[pick], turn), _turned(middle[pick], turn)], axis=1)
-            spots = np.concatenate([_turned(place[pick], turn), _turned(between[pick], turn)], axis=1)
+            nodes = np.concatenate(
+                [_turn_entries(corners[pick], turn), _turn_entries(middle[pick], turn)], axis=1
+            )
+            spots = np.concatenate(
+                [_turn_entries(place[pick], turn), _turn_entries(between[pick], turn)], axis=1
+            )
             parts = np.array(pattern)
             stack.append(
                 (
@@ -146,13 +150,13 @@ def _turn(divided: NDArray[np.bool_]) -> I64:
     return np.where(divided.all(axis=1), 0, np.argmax(divided & ~before, axis=1))
 
 
-def _turned(values: F64, turn: I64) -> F64:
+def _turn_entries(values: F64, turn: I64) -> F64:
     """Entries (n, 3, m) of the corners in turn from another one."""
     order = (turn[:, None] + np.arange(3)) % 3
     return np.take_along_axis(values, order[..., None], axis=1)
 
 
-def _filled(corners: F64, place: F64, face: I64, shape: tuple[int, int]) -> Iterator[Fragments]:
+def _fill_triangles(corners: F64, place: F64, face: I64, shape: tuple[int, int]) -> Iterator[Fragments]:
     """Points of straight triangles at the centres of pixels, some rows of pixels at a time."""
     rows, columns = shape
     low = np.clip(np.ceil(place[..., 0].min(axis=1)), 0, rows).astype(np.int64)

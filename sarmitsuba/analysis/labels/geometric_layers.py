@@ -12,7 +12,7 @@ from sarmitsuba.core.arrays import F64, I64
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.scene.ground import with_endless_ground
+from sarmitsuba.scene.ground import continue_ground
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.placement import ImagePlacement
@@ -105,7 +105,7 @@ def surface_points(scene: Scene, grid: ImageGrid) -> SurfacePoints:
     solid = np.flatnonzero(~invisible[geometry.face_material]) if geometry.n_faces else np.zeros(0, np.int64)
     corners = geometry.vertices[geometry.faces[solid]]
     middle, found = radar.start_stop().track.center_position, []
-    for motion, rows in _by_motion(geometry, solid):
+    for motion, rows in _group_by_motion(geometry, solid):
         placed = _PixelPlaces(placement, motion)
         one = fragments(corners[rows], placed, grid.shape, middle, placed.reached)
         whole = Fragments(one.pixel, rows[one.face], one.point, one.area)
@@ -161,7 +161,7 @@ class _PixelPlaces:
 
     def __call__(self, points: F64) -> F64:
         grid, radar = self.placement.grid, self.placement.radar
-        azimuth, range_ = self.placement.imaged(points, self.motion)
+        azimuth, range_ = self.placement.locate(points, self.motion)
         row = (azimuth - grid.azimuth[0]) / grid.azimuth_spacing
         column = (range_ - grid.range[0]) / grid.range_spacing
         place = np.round(np.stack([row, column], axis=1) / _ROUNDED) * _ROUNDED
@@ -169,7 +169,7 @@ class _PixelPlaces:
         return np.asarray(place)
 
 
-def _by_motion(geometry: Geometry, solid: I64) -> list[tuple[Motion, I64]]:
+def _group_by_motion(geometry: Geometry, solid: I64) -> list[tuple[Motion, I64]]:
     """Motions, and the entries of ``solid`` (faces of the geometry) that have each."""
     still = np.ones(len(solid), dtype=bool)
     parts = []
@@ -259,8 +259,8 @@ def geometric_layers(scene: Scene, grid: ImageGrid, points: SurfacePoints) -> di
     low = points.first(np.where(points.seen | points.open, 0.0, 1e9) + height)
     face_mesh = scene.geometry.face_mesh
     names = {0: "none"} | {i + 1: name for i, name in enumerate(scene.geometry.mesh_names)}
-    shape = np.where(seen > 0, _of(main, face_mesh[found.face] + 1, 0), 0)
-    dark = _of(main, np.where(points.hider >= 0, face_mesh[points.hider] + 1, 0), 0)
+    shape = np.where(seen > 0, _pick_values(main, face_mesh[found.face] + 1, 0), 0)
+    dark = _pick_values(main, np.where(points.hider >= 0, face_mesh[points.hider] + 1, 0), 0)
     in_frame = found.point + scene.offset
     return {
         "layover_shadow": LabelLayer(
@@ -275,18 +275,18 @@ def geometric_layers(scene: Scene, grid: ImageGrid, points: SurfacePoints) -> di
             "number of surfaces open to the sky that fall into the pixel and are not seen",
         ),
         "local_incidence_angle": LabelLayer(
-            _of(main, np.where(points.seen, points.incidence, np.nan), np.nan).astype(np.float32),
+            _pick_values(main, np.where(points.seen, points.incidence, np.nan), np.nan).astype(np.float32),
             "rad",
             "between the surface's normal and the line to the antenna; NaN where no surface is seen",
         ),
         "ground_position": LabelLayer(
-            _of(low, in_frame, np.nan),
+            _pick_values(low, in_frame, np.nan),
             "m",
             "place of the lowest surface of the pixel, seen or not, in the frame of the file; NaN: no surface",
             parts=("x", "y", "height"),
         ),
         "surface_position": LabelLayer(
-            _of(main, in_frame, np.nan),
+            _pick_values(main, in_frame, np.nan),
             "m",
             "place of the surface with the largest area in the pixel, in the frame of the file; NaN: no surface",
             parts=("x", "y", "height"),
@@ -312,7 +312,7 @@ def geometric_layers(scene: Scene, grid: ImageGrid, points: SurfacePoints) -> di
     }
 
 
-def _of(index: I64, values: NDArray[np.generic], none: float) -> NDArray[np.generic]:
+def _pick_values(index: I64, values: NDArray[np.generic], none: float) -> NDArray[np.generic]:
     """Values (n,) or (n, m) of the points of an index (azimuth, range), ``none`` where that is -1."""
     out = np.full((*index.shape, *values.shape[1:]), none, dtype=values.dtype)
     out[index >= 0] = values[index[index >= 0]]
@@ -339,7 +339,7 @@ def geometric_notes(scene: Scene) -> tuple[str, ...]:
         notes.append(f"{len(scene.bodies)} volumes count as transparent: no layover, and no shadow of theirs")
     if any(m.thickness for m in scene.materials):
         notes.append("slabs that waves go through count as opaque")
-    if with_endless_ground(scene) is not scene:
+    if continue_ground(scene) is not scene:
         notes.append("ground beyond its rim, which has no clutter, counts as no surface")
     if scene.geometry.moves:
         notes.append("moving shapes lie where their Doppler puts them; their shadow is that at time zero")

@@ -54,11 +54,11 @@ def ground_shapes(scene: Scene, classes: Mapping[str, str]) -> NDArray[np.bool_]
             out[i] = True
         elif flat[i] and whole[i] > 0.0:
             place, face = surface_samples(geometry, i, PLACES)
-            out[i] = np.mean(_over_another(sight, geometry, corners, place, face, i)) <= OVER
+            out[i] = np.mean(_lies_over_another(sight, geometry, corners, place, face, i)) <= OVER
     return out
 
 
-def _over_another(
+def _lies_over_another(
     sight: SightLines, geometry: Geometry, corners: F64, place: F64, face: I64, mesh: int
 ) -> NDArray[np.bool_]:
     """Whether another mesh is more than ``DEPTH`` below places (n, 3), m, on faces (n,) of a mesh."""

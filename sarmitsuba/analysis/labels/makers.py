@@ -79,11 +79,11 @@ class LabelMaker:
     pixel_bytes: int
 
 
-def _by_geometry(of: LabelledImage) -> MadeLabels:
+def _make_by_geometry(of: LabelledImage) -> MadeLabels:
     return MadeLabels(geometric_layers(of.scene, of.grid, of.points), notes=geometric_notes(of.scene))
 
 
-def _by_echoes(of: LabelledImage) -> MadeLabels:
+def _make_by_echoes(of: LabelledImage) -> MadeLabels:
     # points are of no use where the radar's track has no one direction of range; echoes have no labels there either
     return MadeLabels(
         *echo_labels(of.scene, of.grid, of.classes, windows=of.windows, points=lambda: of.points)
@@ -92,7 +92,10 @@ def _by_echoes(of: LabelledImage) -> MadeLabels:
 
 # every maker's layers are in the labels, in this order. Bytes: geometry 420 to 540 in bridge, buildings16, urban_block;
 # echoes 750 to 2100 there with the traced look
-MAKERS = (LabelMaker(GEOMETRIC_LAYERS, _by_geometry, 700), LabelMaker(ECHO_LAYERS, _by_echoes, 1400))
+MAKERS = (
+    LabelMaker(GEOMETRIC_LAYERS, _make_by_geometry, 700),
+    LabelMaker(ECHO_LAYERS, _make_by_echoes, 1400),
+)
 LAYERS = tuple(name for maker in MAKERS for name in maker.layers)
 
 

@@ -13,7 +13,7 @@ from sarmitsuba.core.arrays import F64, I64, U32
 from sarmitsuba.core.errors import ResourceError
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.ground import level_rim
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scatterers import ScattererKind, Target, kinds_in_order, targets_by_kind
 from sarmitsuba.scene.scene import Scene
@@ -56,7 +56,7 @@ class SceneShapes:
         """Shapes of a scene as loaded."""
         kinds = {"mesh": scene.geometry.mesh_names} | {
             kind: tuple(dict.fromkeys(thing.name for thing in things))
-            for kind, things in _beside_mesh(scene).items()
+            for kind, things in _find_shapes_beside_mesh(scene).items()
         }
         names = tuple(name for group in kinds.values() for name in group)
         starts = np.cumsum([0, *(len(group) for group in kinds.values())]).tolist()
@@ -102,7 +102,7 @@ class SceneOwners:
             self._mesh = _mesh_of_faces(scene, run.scene.geometry)
             of_row, n_materials = self._rows(run.trace_scene.geometry_faces)
         self._of_kind: dict[str, I64] = {}
-        for kind, things in _beside_mesh(run.scene).items():
+        for kind, things in _find_shapes_beside_mesh(run.scene).items():
             number = [self._owner(shapes.number(kind, thing.name), kind) for thing in things]
             self._of_kind[kind] = np.array(number, dtype=np.int64)
         self.point = self._of_kind["point"]
@@ -117,7 +117,7 @@ class SceneOwners:
             )
         keys = np.array(list(self._number), dtype=np.int64).reshape(-1, 2)
         self.shape, self.material = keys[:, 0], keys[:, 1]
-        self.paths = PathOwners(of_row, n_materials, len(self._number), self._of_launch)
+        self.paths = PathOwners(of_row, n_materials, len(self._number), self._find_launch_owners)
 
     def _owner(self, shape: int, material: str) -> int:
         """Number of an owner, which is new or known."""
@@ -142,7 +142,7 @@ class SceneOwners:
         out[:] = table[row.reshape(-1)]
         return out.reshape(-1), n
 
-    def _of_launch(self, launch: Launch) -> tuple[int, U32]:
+    def _find_launch_owners(self, launch: Launch) -> tuple[int, U32]:
         """Number of the mechanism of a launch of scatterers, and the owner of each scatterer."""
         part = launch.part
         find = getattr(launch.source, "scatterers_of", None)
@@ -150,26 +150,26 @@ class SceneOwners:
         name = getattr(found, "mechanism", "scatterer")
         count = slice(part.first, part.first + part.count)
         if isinstance(found, FringeCurrents | FoldWaves):
-            owner = self._of_meshes(self._mesh[self._sides(found.middle[count])])
+            owner = self._find_mesh_owners(self._mesh[self._sides(found.middle[count])])
         elif name == "diffuse pair" and found is not None:
-            owner = self._of_pairs(found.face[count])
+            owner = self._find_pair_owners(found.face[count])
         elif name in self._of_kind and found is not None:
             owner = self._of_kind[name][found.owner[count]]
         else:
             owner = np.full(part.count, self._other)
         return MECHANISMS.index(name), np.asarray(owner, dtype=np.uint32)
 
-    def _of_meshes(self, mesh: I64) -> I64:
+    def _find_mesh_owners(self, mesh: I64) -> I64:
         """An owner of each mesh (n,), whatever its material."""
         return np.array([self._by_mesh.get(m, self._other) for m in mesh.tolist()], dtype=np.int64)
 
-    def _of_pairs(self, rows: NDArray[np.intp]) -> I64:
+    def _find_pair_owners(self, rows: NDArray[np.intp]) -> I64:
         """Owners of pairs of scatterers from the rows (n, 2) of their faces: the end that is not ground, or in turn."""
         assert self.run.trace_scene is not None
         mesh = self._mesh[self.run.trace_scene.geometry_faces[rows]]
         ground = self.shapes.ground[mesh]
         end = np.where(ground[:, 0] == ground[:, 1], np.arange(len(rows)) % 2, ground[:, 0].astype(np.int64))
-        return self._of_meshes(mesh[np.arange(len(rows)), end])
+        return self._find_mesh_owners(mesh[np.arange(len(rows)), end])
 
     def _sides(self, middle: F64) -> I64:
         """Face (n,) at whose side places (n, 3), m, lie."""
@@ -193,10 +193,10 @@ class SceneOwners:
 
 def material_names(materials: Sequence[Material]) -> list[str]:
     """Names of materials and of the parts of mapped ones, in the order of their numbers in the kernel."""
-    return [material.name.removesuffix(_CONTINUED) for material in with_parts(materials)]
+    return [material.name.removesuffix(_CONTINUED) for material in list_with_parts(materials)]
 
 
-def _beside_mesh(scene: Scene) -> "dict[str, list[Target | PointTarget]]":
+def _find_shapes_beside_mesh(scene: Scene) -> "dict[str, list[Target | PointTarget]]":
     """Shapes other than meshes, by the mechanism of their echoes."""
     found: dict[str, list[Target | PointTarget]] = {}
     for kind, targets in targets_by_kind(scene.scatterers).items():

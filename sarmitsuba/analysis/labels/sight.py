@@ -37,13 +37,15 @@ class SightLines:
         """
         line = antenna - point
         line = unit_rows(line)
-        return self._met(point, self._side(face, line), line)
+        return self._meets_shape(point, self._side(face, line), line)
 
     def open_to_the_sky(self, point: F64, face: I64) -> NDArray[np.bool_]:
         """Whether nothing is above points (n, 3), m, of triangles (n,), on one side of the triangle or the other."""
         up = np.broadcast_to([0.0, 0.0, 1.0], point.shape)
         side = self._side(face, up)
-        return np.asarray((self._met(point, side, up) < 0) | (self._met(point, -side, up) < 0))
+        return np.asarray(
+            (self._meets_shape(point, side, up) < 0) | (self._meets_shape(point, -side, up) < 0)
+        )
 
     def _side(self, face: I64, direction: F64) -> F64:
         """Normals (n, 3) of triangles on the side that a direction (n, 3) points to."""
@@ -51,7 +53,7 @@ class SightLines:
         away = np.einsum("ij,ij->i", normal, direction) < 0.0
         return np.asarray(np.where(away[:, None], -normal, normal))
 
-    def _met(self, point: F64, side: F64, direction: F64) -> I64:
+    def _meets_shape(self, point: F64, side: F64, direction: F64) -> I64:
         start = (point + self._clearance * side - self._middle).astype(np.float32)
         to = direction.astype(np.float32)
         found = [np.zeros(0, dtype=np.int64)]

@@ -107,7 +107,7 @@ class CostModel:
         return Candidate(changes, db_from_power(energy), self.seconds(method, picks))
 
 
-def corrected(predicted: Sequence[Candidate], measured: Mapping[int, ProofRun]) -> list[Candidate]:
+def correct_predictions(predicted: Sequence[Candidate], measured: Mapping[int, ProofRun]) -> list[Candidate]:
     """Candidates with measured values, or predictions corrected by the nearest measured candidate of their method.
 
     The seconds of measured candidates that are outliers among those of their method correct none. If none of the method

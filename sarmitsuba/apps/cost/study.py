@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from sarmitsuba.apps.cost.clock import MeasuredClock, StudyClock
-from sarmitsuba.apps.cost.model import CostModel, corrected
+from sarmitsuba.apps.cost.model import CostModel, correct_predictions
 from sarmitsuba.apps.cost.report import (
     CHECK_PASS,
     Candidate,
@@ -30,7 +30,7 @@ from sarmitsuba.apps.cost.sweeps import (
     LEAST_DEPTH,
     NO_MORE_DB,
     Sweeps,
-    held,
+    hold_blocks,
     raw_seconds,
     sweep_all,
     whole_stages,
@@ -80,7 +80,7 @@ def measure_front(
         measured[own] = replace(proof.measure(predicted[own].changes), seconds=predicted[own].seconds)
         progress()
     while True:
-        candidates = corrected(predicted, measured)
+        candidates = correct_predictions(predicted, measured)
         index = {id(c): i for i, c in enumerate(candidates)}
         front = pareto(candidates)
         mine = candidates[own] if own is not None else None
@@ -310,7 +310,7 @@ def _study(task: _Task) -> CostReport:
     sweeps, piece_text, converged = _sweep(task)
     proof = _proof(task, sweeps, piece_text, converged)
     candidates = _candidates(task, sweeps, proof)
-    recommendation, check = _checked(task, candidates, sweeps.skipped, proof)
+    recommendation, check = _check_recommendation(task, candidates, sweeps.skipped, proof)
     return CostReport(
         rows=tuple(sweeps.rows),
         candidates=tuple(candidates),
@@ -331,7 +331,7 @@ def _study(task: _Task) -> CostReport:
     )
 
 
-def _checked(
+def _check_recommendation(
     task: _Task, candidates: list[Candidate], skipped: list[str], proof: Proof
 ) -> tuple[Recommendation, ProofRun | None]:
     """Recommendation, and its run with other lattices where the budget allows.
@@ -444,7 +444,7 @@ def _sweep(task: _Task) -> tuple[Sweeps, str, Reference]:
     piece, text, plain = piece_to_sweep(scene, base, task.budget, whole.seconds, trials)
     grid = default_grid(piece.radar, piece.image)
     # few rays: the remaining time is that of launches
-    few = trials.run(piece, held(base, plain).but(**spacings.at(12.0)), grid)
+    few = trials.run(piece, hold_blocks(base, plain).but(**spacings.at(12.0)), grid)
     model = CostModel(
         spacings,
         {"hybrid": whole_stages(scene, base, spacings, whole, trials)},

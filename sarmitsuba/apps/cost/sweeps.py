@@ -105,7 +105,7 @@ class Sweeps:
         same = {k: v for k, v in changes.items() if self.base.changes.get(k, self.model.plain.get(k)) != v}
         return self.base.but(**same)
 
-    def timed(self, parameter: str, **changes: Value) -> Trial:
+    def use_timer(self, parameter: str, **changes: Value) -> Trial:
         """Run it, and again where the seconds that the parameter decides on are not those of the reference.
 
         A sample that is as the reference's does no harm; any other may be the parameter's or a disturbance.
@@ -168,17 +168,17 @@ class Sweeps:
         megabytes = trial.peak_bytes / 1e6 if trial.peak_bytes >= 0 else float("nan")
         self.rows.append(Row(parameter, shown, error_db, trial.seconds, full, megabytes, remark))
 
-    def paired(self, parameter: str, values: Iterable[Value], best: Value) -> None:
+    def sweep_pairs(self, parameter: str, values: Iterable[Value], best: Value) -> None:
         """Sweep a parameter with the same rays; errors are against its best value."""
         if self.late(parameter):
             return
         self.refresh()
-        reference = self.timed(parameter, **{parameter: best})
+        reference = self.use_timer(parameter, **{parameter: best})
         self.note(parameter, best, reference, FLOOR_DB, "reference of its sweep")
         for value in values:
             if self.late(parameter):
                 break
-            trial = self.timed(parameter, **{parameter: value})
+            trial = self.use_timer(parameter, **{parameter: value})
             error = trial.error_db(reference.image)
             self.note(parameter, value, trial, error)
             if parameter == "max_depth" and error < NO_MORE_DB:
@@ -189,13 +189,13 @@ def sweep_all(study: Sweeps, scene: Scene, plan: EffectsPlan, converged: Referen
     """Sweep all parameters until the deadline, those that decide most first."""
     _spacings(study, converged)
     _focusers(study, scene)
-    study.paired("max_depth", depths(study.depth, plan.max_depth), study.depth)
+    study.sweep_pairs("max_depth", depths(study.depth, plan.max_depth), study.depth)
     _intervals(study)
-    study.paired("gridding_width", [2, 3, 4], 6)
+    study.sweep_pairs("gridding_width", [2, 3, 4], 6)
     _methods(study, scene, converged)
     _effects(study, plan)
     _cells(study, plan)
-    study.paired("phase_precision", ["single"], "double")
+    study.sweep_pairs("phase_precision", ["single"], "double")
     _raw_row(study)
 
 
@@ -226,7 +226,7 @@ def _intervals(study: Sweeps) -> None:
     best = max(8, interval // 4)
     if interval > 1 and n >= 16:
         others = [k for k in (256, 128, 64, 32, 16) if best < k <= n and k != interval]
-        study.paired("key_pulse_interval", [interval, *others] if interval > best else others, best)
+        study.sweep_pairs("key_pulse_interval", [interval, *others] if interval > best else others, best)
 
 
 def _focusers(study: Sweeps, scene: Scene) -> None:
@@ -252,7 +252,7 @@ def _focusers(study: Sweeps, scene: Scene) -> None:
         focuser = parse_focuser(name)
         if any(focuser.objection(*part) for part in parts):
             continue  # the focuser does not support the grid or the track
-        trial = study.timed("focuser", focuser=name)
+        trial = study.use_timer("focuser", focuser=name)
         stated = [focuser.error_db(*part) for part in parts]
         remark = f"states at most {stated[1]:.1f} dB for the whole" if np.isfinite(stated[1]) else ""
         grows = stated[1] - stated[0] if np.isfinite(stated).all() else 0.0
@@ -344,7 +344,7 @@ def whole_stages(
 
     They are separated by a second run with an eighth of the rays; of the common time the smaller one counts.
     """
-    sparse = trials.steady(scene, held(setting, full).but(**spacings.at(8.0**0.5)))
+    sparse = trials.steady(scene, hold_blocks(setting, full).but(**spacings.at(8.0**0.5)))
     same = {
         k: min(v, sparse.stages.get(k, v))
         for k, v in full.stages.items()
@@ -353,7 +353,7 @@ def whole_stages(
     return split_trace({**full.stages, **same}, sparse.stages, 8.0)
 
 
-def held(setting: TrialSetting, trial: Trial) -> TrialSetting:
+def hold_blocks(setting: TrialSetting, trial: Trial) -> TrialSetting:
     """Setting with the blocks of a trial: automatic ones are shorter for wider rays."""
     interval = trial.key_pulse_interval
     return setting.but(key_pulse_interval=interval) if interval > 1 else setting

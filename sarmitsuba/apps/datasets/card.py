@@ -49,7 +49,7 @@ def data_card(recipe: Recipe, labels: Sequence[JsonTable], mesh_parts: Mapping[s
             names = [name for name, of in mesh_parts.items() if of == part]
             lines.append(f"- {part}: {', '.join(names) or 'none'}")
         lines.append("")
-    lines += _shapes(labels) + _drawn(recipe, labels) + _physics(labels) + _errors(recipe, labels)
+    lines += _shapes(labels) + _describe_draws(recipe, labels) + _physics(labels) + _errors(recipe, labels)
     lines += _failures(labels)
     lines += ["## Recipe", "", "```toml", read_text(recipe.path).rstrip(), "```", ""]
     return "\n".join(lines)
@@ -65,7 +65,7 @@ def _shapes(labels: Sequence[JsonTable]) -> list[str]:
     return [*lines, "", *(_histogram("aspect_deg of shapes from meshes", angles) if angles else [])]
 
 
-def _drawn(recipe: Recipe, labels: Sequence[JsonTable]) -> list[str]:
+def _describe_draws(recipe: Recipe, labels: Sequence[JsonTable]) -> list[str]:
     lines = ["## Drawn values", ""]
     for name in labels[0]["facts"]:
         values = [label["facts"].get(name) for label in labels]

@@ -76,9 +76,9 @@ class DetectionDocuments:
             ]
             for one in (*record.objects, *others):
                 found = (
-                    _by_box(one["box"], (top, left), (rows, columns))
+                    _outline_box(one["box"], (top, left), (rows, columns))
                     if window is None and "box" in one
-                    else _by_mask(window == one["code"])
+                    else _outline_mask(window == one["code"])
                     if window is not None and one["code"]
                     else None
                 )
@@ -96,7 +96,7 @@ class DetectionDocuments:
                     )
 
 
-def _by_mask(mask: NDArray[np.bool_]) -> JsonTable | None:
+def _outline_mask(mask: NDArray[np.bool_]) -> JsonTable | None:
     """Box, area and run lengths of a mask; None where it is empty."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not rows.size:
@@ -105,7 +105,9 @@ def _by_mask(mask: NDArray[np.bool_]) -> JsonTable | None:
     return {"bbox": [int(v) for v in box], "area": int(mask.sum()), "segmentation": run_lengths(mask)}
 
 
-def _by_box(box: Sequence[float | None], corner: tuple[int, int], size: tuple[int, int]) -> JsonTable | None:
+def _outline_box(
+    box: Sequence[float | None], corner: tuple[int, int], size: tuple[int, int]
+) -> JsonTable | None:
     """Box of vertices within a tile, from the corner of its first pixel; None where it lies outside."""
     if any(value is None for value in box):
         return None

@@ -56,7 +56,7 @@ class Fixed(DrawnValue):
         return (self.value,) if isinstance(self.value, str) else ()
 
     def __str__(self) -> str:
-        return "automatic" if self.value is None else _shown(self.value)
+        return "automatic" if self.value is None else _format_value(self.value)
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class Choice(DrawnValue):
         return tuple(value for value in self.values if isinstance(value, str))
 
     def __str__(self) -> str:
-        return f"one of {', '.join(_shown(v) for v in self.values)}"
+        return f"one of {', '.join(_format_value(v) for v in self.values)}"
 
 
 @dataclass(frozen=True)
@@ -272,7 +272,7 @@ def read_drawn(value: object, param: Param, where: str) -> DrawnValue:
     return kind.read(values, param, where)
 
 
-def _shown(value: Value | None) -> str:
+def _format_value(value: Value | None) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     return f"{value:g}" if isinstance(value, float) else str(value)

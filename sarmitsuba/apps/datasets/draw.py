@@ -227,7 +227,7 @@ class Drawer:
             shapes: tuple[PlacedShape, ...] = ()
         else:
             shown = self._shapes(scene_number, part, levels, attempt if recipe.views == 1 else 0)
-            scene = self._built(shown, values, seed, recipe.path.stem)
+            scene = self._build_scene(shown, values, seed, recipe.path.stem)
             shapes, facts = tuple(shown.shapes), facts | shown.facts
         focusing = {key: string_value(values["focusing"], key) for key in values["focusing"]}
         return DrawnSample(number, part, scene, shapes, facts, focusing)
@@ -326,7 +326,7 @@ class Drawer:
             }
         )
 
-    def _built(self, shown: DrawnShapes, values: Mapping[str, Values], seed: int, name: str) -> Scene:
+    def _build_scene(self, shown: DrawnShapes, values: Mapping[str, Values], seed: int, name: str) -> Scene:
         """Scene of drawn shapes under a drawn radar."""
         of_modes = {p.name for p in mode_parameters()}
         radar: dict[str, Any] = {"aim_x": 0.0, "aim_y": 0.0, "aim_z": 0.0}

@@ -120,7 +120,7 @@ def hull(points: F64) -> F64:
         return np.asarray(wide[ConvexHull(wide).vertices])
 
 
-def turned(points: F64, heading: float) -> F64:
+def turn_points(points: F64, heading: float) -> F64:
     """Points (n, 2 or 3) turned counter-clockwise about z by an angle, rad."""
     c, s = np.cos(heading), np.sin(heading)
     out = np.array(points, dtype=np.float64)

@@ -174,7 +174,7 @@ def generate(
                 )
             )
         measured = False
-        for sample in _made(drawer, left, processes, workers, extensions):
+        for sample in _make_samples(drawer, left, processes, workers, extensions):
             _write_beside(drawer, folder.path, sample)  # first: what is in the journal is complete
             size = append(journal, sample)
             done.add(sample.number)
@@ -201,7 +201,7 @@ def _check_channels(journal: Journal) -> None:
         )
 
 
-def _made(
+def _make_samples(
     drawer: Drawer,
     numbers: Sequence[int],
     processes: int,
@@ -214,7 +214,7 @@ def _made(
     elif processes == 1 or len(numbers) < 2:
         yield from (make_sample(drawer, number) for number in numbers)
     else:
-        yield from _by_processes(drawer, numbers, processes, extensions)
+        yield from _make_by_processes(drawer, numbers, processes, extensions)
 
 
 def _same(drawer: Drawer) -> Drawer:
@@ -260,7 +260,7 @@ def _interrupts_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _by_processes(
+def _make_by_processes(
     drawer: Drawer, numbers: Sequence[int], processes: int, extensions: Sequence[str]
 ) -> Iterator[Sample]:
     """Samples by processes, each of which is given one number after the other through a pipe.

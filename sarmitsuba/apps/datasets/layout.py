@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sarmitsuba.apps.datasets.drawn_shapes import hull, separation, turned
+from sarmitsuba.apps.datasets.drawn_shapes import hull, separation, turn_points
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import SceneError
 
@@ -48,7 +48,7 @@ class ShapeLayout:
         SceneError
             No free place was found.
         """
-        shape = turned(vertices, heading)
+        shape = turn_points(vertices, heading)
         outline = hull(shape[:, :2])
         for _ in range(_TRIALS):
             shift = generator.uniform(-0.5, 0.5, 2) * spread

@@ -96,7 +96,7 @@ GROUND = _table(
 )
 
 
-def _placed(section: str, doc: str, count: int, spread: float, *params: Param) -> ParamTable:
+def _declare_places(section: str, doc: str, count: int, spread: float, *params: Param) -> ParamTable:
     return _table(
         section,
         doc,
@@ -110,7 +110,7 @@ def _placed(section: str, doc: str, count: int, spread: float, *params: Param) -
     )
 
 
-OBJECTS = _placed(
+OBJECTS = _declare_places(
     "objects",
     "Shapes from a folder of meshes, each an instance.",
     1,
@@ -121,7 +121,7 @@ OBJECTS = _placed(
     _number("rms_height", 0.0, "roughness; 0 = typical of the material", "m", 0.0, 10.0),
     _number("scale", 1.0, "factor of all lengths", "", 1e-3, 1e3),
 )
-WALLS = _placed(
+WALLS = _declare_places(
     "walls",
     "Straight walls.",
     0,
@@ -131,7 +131,7 @@ WALLS = _placed(
     _number("thickness", 0.25, "thickness", "m", 0.001, 100.0),
     _word("material", "brick", "named material"),
 )
-CLUTTER = _placed(
+CLUTTER = _declare_places(
     "clutter",
     "Boxes, such as crates and stones.",
     0,
@@ -140,7 +140,7 @@ CLUTTER = _placed(
     _number("irregularity", 0.3, "standard deviation of the sides over their mean", "", 0.0, 0.5),
     _word("material", "wood", "named material"),
 )
-TREES = _placed(
+TREES = _declare_places(
     "trees",
     "Trees: crowns that waves go through.",
     0,

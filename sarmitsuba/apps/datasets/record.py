@@ -72,7 +72,7 @@ class SampleRecord:
         return found
 
 
-def packed(sample: Sample) -> tuple[JsonTable, NDArray[np.uint8]]:
+def pack_sample(sample: Sample) -> tuple[JsonTable, NDArray[np.uint8]]:
     """Label and bytes of a sample."""
     arrays = {_IMAGE: sample.image, **sample.layers}
     label = {f.name: getattr(sample, f.name) for f in fields(sample) if f.name not in _APART}
@@ -143,7 +143,7 @@ class SampleForm:
 
 def append(journal: Journal, sample: Sample) -> int:
     """Add a sample to a journal; its bytes."""
-    label, data = packed(sample)
+    label, data = pack_sample(sample)
     journal.append(label, data)
     return int(data.nbytes)
 

@@ -131,7 +131,7 @@ def make_sample(drawer: Drawer, number: int) -> Sample:
     with single_threaded(), one_blas_thread():
         for attempt in range(drawer.recipe.whole("dataset", "attempts")):
             try:
-                sample = _attempted(drawer, number, attempt)
+                sample = _attempt_sample(drawer, number, attempt)
             except _FATAL:
                 raise
             except MemoryError:  # a check that was too low; what it held is free again
@@ -147,7 +147,7 @@ def make_sample(drawer: Drawer, number: int) -> Sample:
     )
 
 
-def _attempted(drawer: Drawer, number: int, attempt: int) -> Sample:
+def _attempt_sample(drawer: Drawer, number: int, attempt: int) -> Sample:
     recipe = drawer.recipe
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore")
@@ -178,7 +178,7 @@ def _attempted(drawer: Drawer, number: int, attempt: int) -> Sample:
         notes=tuple(notes),
         physics=dict(image.metadata.get("effects", {})),
         sampling_error_db=error,
-        omitted_db=_omitted(image),
+        omitted_db=_sum_omitted_energy(image),
         raw=raw if recipe.flag("output", "raw") else None,
         seconds=0.0,
     )
@@ -213,7 +213,7 @@ def _sampling_error(every: int, drawn: DrawnSample, image: SarImage) -> dict[str
     return {name: value + _OF_ONE_DB for name, value in zip(bars.channels, bars.error_db, strict=True)}
 
 
-def _omitted(image: SarImage) -> dict[str, float]:
+def _sum_omitted_energy(image: SarImage) -> dict[str, float]:
     """Energy of waves left out over that of the image, dB; both in resolution cells times m^2."""
     energy = dict(image.metadata.get("theory", {})).get("energy_m2", {})
     grid = image.grid

@@ -66,7 +66,7 @@ def sample_labels(
     found = labels(scene, grid, classes=classes, layers=names)
     shared = {"class": (*drawer.classes, NO_CLASS), "material": drawer.materials}
     layers = {
-        name: _recoded(found.layers[name], shared[name]) if name in shared else found.layers[name]
+        name: _recode_layer(found.layers[name], shared[name]) if name in shared else found.layers[name]
         for name in names
     }
     codes: dict[int, str] = {}
@@ -81,7 +81,7 @@ def sample_labels(
     )
 
 
-def _recoded(layer: LabelLayer, names: Sequence[str]) -> LabelLayer:
+def _recode_layer(layer: LabelLayer, names: Sequence[str]) -> LabelLayer:
     """A layer of codes with those of names of the data set, from 1; 0 stays.
 
     Raises
@@ -114,7 +114,7 @@ def corner_boxes(scene: Scene, grid: ImageGrid, shapes: Sequence[PlacedShape]) -
     placement = ImagePlacement(own, scene.radar)
     out = np.full((len(shapes), 4), np.nan)
     for row, shape in zip(out, shapes, strict=True):
-        azimuth, across = placement.imaged(shape.vertices - scene.offset)
+        azimuth, across = placement.locate(shape.vertices - scene.offset)
         if np.isfinite(azimuth).all():
             rows = (azimuth - own.azimuth[0]) / own.azimuth_spacing
             columns = (across - own.range[0]) / own.range_spacing

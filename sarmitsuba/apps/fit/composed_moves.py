@@ -64,9 +64,11 @@ class ComposedMoves:
         chain = [k for k, mesh in enumerate(self._meshes) if mesh == self._meshes[number]]
         if all(np.array_equal(self.values[k], self.parameters[k].values(self.start)) for k in chain):
             return own
-        return [self._composed(one, number, chain, scene) for one in own]
+        return [self._compose_move(one, number, chain, scene) for one in own]
 
-    def _composed(self, own: Displacement, number: int, chain: Sequence[int], scene: Scene) -> Displacement:
+    def _compose_move(
+        self, own: Displacement, number: int, chain: Sequence[int], scene: Scene
+    ) -> Displacement:
         """A displacement by a parameter of a number, with those that move the same mesh."""
         mesh, value = self._meshes[number], float(self.values[number][0])
         assert mesh is not None

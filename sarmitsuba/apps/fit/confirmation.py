@@ -121,7 +121,7 @@ def coherences(
     return found, moves
 
 
-def confirmed(looks: Sequence[MeasuredLook], values: F64) -> F64:
+def confirm_values(looks: Sequence[MeasuredLook], values: F64) -> F64:
     """(n_values,) least share of confirmed echoes of the shapes that each value moves, see :class:`Coherence`.
 
     Of a level that of the diffuse echoes of its material, of other values that move no shape that of all echoes in the
@@ -130,7 +130,7 @@ def confirmed(looks: Sequence[MeasuredLook], values: F64) -> F64:
     found, moves = coherences(looks, values)
     out = least(((moves[mesh], one.share) for mesh, one in found.items()), len(values))
     still = ~np.any([np.zeros(len(values), dtype=np.bool_), *moves.values()], axis=0)
-    of_cells = scattered(looks, values)
+    of_cells = measure_scatter(looks, values)
     still[list(of_cells)] = False
     of_cells |= where_changed(looks, values, np.flatnonzero(still))
     for number, one in of_cells.items():
@@ -138,7 +138,7 @@ def confirmed(looks: Sequence[MeasuredLook], values: F64) -> F64:
     return out
 
 
-def scattered(looks: Sequence[MeasuredLook], values: F64) -> dict[int, Coherence]:
+def measure_scatter(looks: Sequence[MeasuredLook], values: F64) -> dict[int, Coherence]:
     """Coherence of the diffuse echoes of every material whose level is fitted, by the number of the value.
 
     The derivative of data by a level in dB is ln(10)/20 of these echoes (of those between two surfaces of the same
@@ -221,9 +221,9 @@ def _coherence(
     samples : of a range cell, which are alike
     changed : spectrum whose cells are compared; None: those of the echoes
     """
-    modelled = focused(model, center, own)
-    measured = modelled + focused(model, center, left)
-    chosen = _own_cells(np.abs(modelled if changed is None else focused(model, center, changed)) ** 2)
+    modelled = focus_spectra(model, center, own)
+    measured = modelled + focus_spectra(model, center, left)
+    chosen = _own_cells(np.abs(modelled if changed is None else focus_spectra(model, center, changed)) ** 2)
     count = int(chosen.sum())
     if count == 0:
         return Coherence()
@@ -252,7 +252,7 @@ def _own_cells(power: F64) -> NDArray[np.bool_]:
     return out.reshape(power.shape)
 
 
-def focused(model: ForwardModel, center: F64, spectrum: C128) -> C128:
+def focus_spectra(model: ForwardModel, center: F64, spectrum: C128) -> C128:
     """Spectra (channels, pulses, frequencies) as an image about a point (channels, azimuths, ranges), energies kept."""
     radar = model.scene.radar
     frequency = frequencies(radar.window.n_samples, radar.window.sample_spacing)
@@ -269,7 +269,7 @@ def weakest_cells(model: ForwardModel, center: F64, measured: C64) -> float:
     """Intensity that ``WEAKEST`` of the cells of data about a point, averaged, are below, a bound of the noise, W."""
     from scipy.ndimage import uniform_filter
 
-    image = focused(model, center, np.fft.fft(measured.astype(np.complex128), axis=-1))
+    image = focus_spectra(model, center, np.fft.fft(measured.astype(np.complex128), axis=-1))
     smooth = uniform_filter(np.abs(image) ** 2, (1, SMOOTHED, SMOOTHED), mode="wrap")
     return float(np.quantile(smooth, WEAKEST))
 

@@ -44,7 +44,7 @@ def scales(scene: Scene, parameters: tuple[Parameter, ...], values: F64) -> F64:
     return out
 
 
-def profiled(
+def profile_deviations(
     problem: Problem, found: Solution, covariance: F64, scale: F64, variances: F64, known: Mapping[int, Prior]
 ) -> F64:
     """(n_values,) standard deviations, at least those of the covariance; infinite where the cost does not rise.

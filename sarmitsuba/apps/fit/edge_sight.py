@@ -52,7 +52,7 @@ class EdgeSight:
         sides, normal = self._sides(points)
         face, away = first_facets(self.scene, self.antenna, sides)
         edge = np.linalg.norm(points.position - self.antenna, axis=1)
-        seen = self._reached(points, face, away, edge)
+        seen = self._reaches_edges(points, face, away, edge)
         points, face, away, normal, edge = (
             points[seen],
             face[:, seen],
@@ -98,10 +98,10 @@ class EdgeSight:
         face, away = first_facets(self.scene, start, start + back)
         edge = np.linalg.norm(own.position - start, axis=2)
         kept = np.ones(len(points), dtype=bool)
-        kept[behind] = self._reached(own, face, away, edge)
+        kept[behind] = self._reaches_edges(own, face, away, edge)
         return points[kept]
 
-    def _reached(self, points: EdgePoints, face: I64, away: F64, edge: F64) -> NDArray[np.bool_]:
+    def _reaches_edges(self, points: EdgePoints, face: I64, away: F64, edge: F64) -> NDArray[np.bool_]:
         """Whether rays on both sides of edges at a distance, m, go as far, or meet a facet in a plane with the edge."""
         clearance = self.scene.clearance
         from_facet = points.position - self.facets.corners[face, 0]

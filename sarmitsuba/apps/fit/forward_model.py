@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.apps.fit.composed_moves import ComposedMoves
-from sarmitsuba.apps.fit.material_parameters import with_material
+from sarmitsuba.apps.fit.material_parameters import change_material
 from sarmitsuba.apps.fit.moving_edges import EdgeBatches
 from sarmitsuba.apps.fit.needed import At, Found, Needed
 from sarmitsuba.apps.fit.parameter import Derivatives, Parameter, Step
@@ -22,10 +22,10 @@ from sarmitsuba.core.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.core.errors import RadarError, SceneError
 from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
-from sarmitsuba.simulation.execution.batches import Batch, BatchTracer, built
+from sarmitsuba.simulation.execution.batches import Batch, BatchTracer, build_geometry
 from sarmitsuba.simulation.execution.blocks import Blocks
 from sarmitsuba.simulation.execution.metadata import raw_metadata
 from sarmitsuba.simulation.execution.run import Run
@@ -177,14 +177,16 @@ class ForwardModel:
         traced = self.run.trace_scene
         displaced = not scene.same_shapes(self.scene)
         if displaced:
-            matrices, offsets = self._moved(values)
-            moved = built(scene)
+            matrices, offsets = self._move_points(values)
+            moved = build_geometry(scene)
             number = scene.geometry.face_mesh[moved.geometry_faces].astype(np.uint32)
             traced = moved.displaced_from(traced, number, matrices, offsets)
         elif scene.materials is not self.scene.materials:
             traced = traced.at_frequency(scene.materials, scene.radar.waveform.wavelength)
             if traced.surfaces is not None:
-                traced = replace(traced, surfaces=traced.surfaces.with_levels(with_parts(scene.materials)))
+                traced = replace(
+                    traced, surfaces=traced.surfaces.with_levels(list_with_parts(scene.materials))
+                )
         return At(scene, traced, self.moves(values), displaced)
 
     def moves(self, values: F64) -> ComposedMoves:
@@ -197,7 +199,7 @@ class ForwardModel:
         geometry, rows = here.scene.geometry, here.trace_scene.geometry_faces
         return geometry.vertices[geometry.faces[rows]], geometry.face_mesh[rows]
 
-    def _moved(self, values: F64) -> tuple[F64, F64]:
+    def _move_points(self, values: F64) -> tuple[F64, F64]:
         """(n_meshes, 3, 3) and (n_meshes, 3) m: where the points of every mesh came to with these values."""
         n = len(self.scene.geometry.mesh_names)
         matrices, offsets = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
@@ -223,7 +225,7 @@ class ForwardModel:
         """Raw data (channels, pulses, samples) at some values; None: of the scene as it is."""
         here = self.placed(values)
         layers = self.run.layers
-        data = self._traced(BatchTracer(self.tracer(here), self.rays, layers.per_subset, layers.max_order))
+        data = self._trace(BatchTracer(self.tracer(here), self.rays, layers.per_subset, layers.max_order))
         self._points(here).add(data)
         return data
 
@@ -293,7 +295,7 @@ class ForwardModel:
             tracer = self.tracer(here)
             for one in {tracer, *tracer.by_frequency}:
                 steps = [self._step_tables(here, one, step) for step in some.steps]
-                n_materials = len(with_parts(here.scene.materials))
+                n_materials = len(list_with_parts(here.scene.materials))
                 texels = here.texels(some.texels).tolist()
                 one.tangents = Tangents.of(
                     some.displacements,
@@ -308,7 +310,7 @@ class ForwardModel:
             assert isinstance(tracer.tangents, Tangents)
             layers = 2 + tracer.tangents.count
             batches = TangentBatches(tracer, self.rays, self.shape[0] * layers, 0)
-            planes = list(self._traced(batches, progress).reshape(layers, *self.shape))
+            planes = list(self._trace(batches, progress).reshape(layers, *self.shape))
             data, farther = planes[:2]
             first = 2
             numbers = (len(some.displacements), len(some.levels), len(some.steps), len(some.texels))
@@ -359,7 +361,7 @@ class ForwardModel:
         plain = [replace(d, turn_rate=0.0) for d in displacements]
         for one in {tracer, *tracer.by_frequency}:
             one.tangents = Tangents.of(plain, (), here.trace_scene.n_faces, 0)
-        planes = self._traced(EdgeBatches(tracer, self.rays, self.shape[0] * n, 0))
+        planes = self._trace(EdgeBatches(tracer, self.rays, self.shape[0] * n, 0))
         return list(planes.reshape(n, *self.shape))
 
     @staticmethod
@@ -368,7 +370,7 @@ class ForwardModel:
         wavelength = tracer.kernel.wavelength
         ends = []
         for change in (step.below, step.above):
-            materials = with_material(here.scene, step.material, **change).materials
+            materials = change_material(here.scene, step.material, **change).materials
             materials = tuple(m.at_frequency(SPEED_OF_LIGHT / wavelength) for m in materials)
             ends.append(tracer.trace_scene.at_frequency(materials, wavelength))
         return StepTables(ends[0], ends[1], 1.0 / step.size)
@@ -382,12 +384,12 @@ class ForwardModel:
             data, self.layers, "compressed", radar.as_recorded(), metadata, self.scene.image, flown=flown
         )
 
-    def _traced(self, batches: BatchTracer, progress: Callable[[float], None] | None = None) -> C64:
+    def _trace(self, batches: BatchTracer, progress: Callable[[float], None] | None = None) -> C64:
         """Profiles (layers, pulses, samples) of all batches, subsets weighted by their shares and summed."""
         _, n_pulses, n_samples = self.shape
         out = np.zeros((batches.n_layers, n_pulses, n_samples), dtype=np.complex64)
         self.statistics = TraceStatistics()
-        for batch, pulses, share in self.weighted():
+        for batch, pulses, share in self.weigh():
             traced = batches.trace(batch)
             self.statistics = self.statistics.plus(traced.statistics)
             if progress is not None:
@@ -395,7 +397,7 @@ class ForwardModel:
             out[:, pulses] += share * traced.profiles[:, : pulses.stop - pulses.start]
         return out
 
-    def weighted(self) -> Iterator[tuple[Batch, slice, np.float32]]:
+    def weigh(self) -> Iterator[tuple[Batch, slice, np.float32]]:
         """Every batch, its pulses, and the weight of its profiles."""
         subsets = self.run.layers.subsets
         for batch in self.batches:

@@ -155,7 +155,7 @@ class EdgeLattices:
         by_frame: dict[int, list[LaunchGrid]] = {}
         for one in lattices:
             if one.serves(batch.start):
-                by_frame.setdefault(id(one.frame), []).append(_undivided(one))
+                by_frame.setdefault(id(one.frame), []).append(_undivide_lattice(one))
         return [grid for some in by_frame.values() for grid in self._grids(some, antennas)]
 
     def _grids(self, lattices: Sequence[LaunchGrid], antennas: F64) -> Iterator[LaunchGrid]:
@@ -229,7 +229,7 @@ class EdgeLattices:
         return EdgePoints.together([seen, found[~found.shadows]]), found[found.shadows]
 
 
-def _undivided(lattice: LaunchGrid) -> LaunchGrid:
+def _undivide_lattice(lattice: LaunchGrid) -> LaunchGrid:
     """The lattice with one level for each spacing: rays beside edges serve all bounces, wherever cells are divided."""
     own = {
         (one.spacing, one.needs): replace(one, serves="all")

@@ -7,11 +7,11 @@ from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 from sarmitsuba.apps.fit.material_parameters import PROPERTIES, Level, LevelMap, MaterialProperty, has_level
-from sarmitsuba.apps.fit.parameter import AXES, Parameter, quoted
+from sarmitsuba.apps.fit.parameter import AXES, Parameter, quote_name
 from sarmitsuba.apps.fit.radar_parameters import AntennaTrack, BeamPointing, ClockOffset, Gain
 from sarmitsuba.apps.fit.shape_parameters import DEFORMATIONS, Deformation, Shift, bodies
 from sarmitsuba.core.errors import SceneError
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 
 if TYPE_CHECKING:
     from sarmitsuba.scene.scene import Scene
@@ -35,9 +35,9 @@ def parse(text: str, scene: Scene) -> tuple[Parameter, ...]:
     found: list[Parameter] = []
     for parts in _words(text):
         kind, *rest = parts
-        word = ":".join(quoted(part) for part in parts)
+        word = ":".join(quote_name(part) for part in parts)
         own: list[Parameter] | None = None
-        for read in (_of_radar, _of_materials, _of_shapes):
+        for read in (_parse_radar, _parse_materials, _parse_shapes):
             own = read(kind, rest, scene) if own is None else own
         if own is None:
             raise SceneError(
@@ -74,7 +74,7 @@ def _words(text: str) -> list[list[str]]:
     return [word for word in words if word != [""]]
 
 
-def _of_radar(kind: str, rest: list[str], scene: Scene) -> list[Parameter] | None:
+def _parse_radar(kind: str, rest: list[str], scene: Scene) -> list[Parameter] | None:
     match kind, rest:
         case "gain", []:
             return [Gain()]
@@ -91,10 +91,11 @@ def _of_radar(kind: str, rest: list[str], scene: Scene) -> list[Parameter] | Non
     return None
 
 
-def _of_materials(kind: str, rest: list[str], scene: Scene) -> list[Parameter] | None:
-    names = tuple(dict.fromkeys(m.name for m in with_parts(scene.materials)))
+def _parse_materials(kind: str, rest: list[str], scene: Scene) -> list[Parameter] | None:
+    names = tuple(dict.fromkeys(m.name for m in list_with_parts(scene.materials)))
     levels: list[Parameter] = [
-        Level(name) for name in dict.fromkeys(m.name for m in with_parts(scene.materials) if has_level(m))
+        Level(name)
+        for name in dict.fromkeys(m.name for m in list_with_parts(scene.materials) if has_level(m))
     ]
     match kind, rest:
         case "level", [material]:
@@ -102,7 +103,7 @@ def _of_materials(kind: str, rest: list[str], scene: Scene) -> list[Parameter] |
         case "levels", []:
             return levels
         case "materials", []:
-            own = (f"{kind}:{quoted(name)}" for name in names for kind in PROPERTIES)
+            own = (f"{kind}:{quote_name(name)}" for name in names for kind in PROPERTIES)
             return levels + [p for word in own if _has(scene, word) for p in parse(word, scene)]
         case "level_map", [material]:
             return [LevelMap(material)]
@@ -111,7 +112,7 @@ def _of_materials(kind: str, rest: list[str], scene: Scene) -> list[Parameter] |
     return None
 
 
-def _of_shapes(kind: str, rest: list[str], scene: Scene) -> list[Parameter] | None:
+def _parse_shapes(kind: str, rest: list[str], scene: Scene) -> list[Parameter] | None:
     one = kind.removesuffix("s")
     match kind, rest:
         case "shift", [shape, axis] if axis in tuple(AXES):
@@ -125,7 +126,7 @@ def _of_shapes(kind: str, rest: list[str], scene: Scene) -> list[Parameter] | No
     return None
 
 
-def offered(scene: Scene) -> tuple[str, ...]:
+def list_parameters(scene: Scene) -> tuple[str, ...]:
     """Parameters of one value that a scene has, as texts: those of its shapes, then those of its materials, then gain.
 
     Shapes whose names are not unique, ground without end, and properties that a material has not are left out.
@@ -134,10 +135,10 @@ def offered(scene: Scene) -> tuple[str, ...]:
     words = []
     for name, endless in zip_longest(geometry.mesh_names, geometry.mesh_endless, fillvalue=False):
         if not endless:
-            own = quoted(str(name))
+            own = quote_name(str(name))
             words += [f"shift:{own}:{axis}" for axis in AXES] + [f"{kind}:{own}" for kind in DEFORMATIONS]
-    for material in dict.fromkeys(m.name for m in with_parts(scene.materials)):
-        words += [f"{kind}:{quoted(material)}" for kind in ("level", *PROPERTIES)]
+    for material in dict.fromkeys(m.name for m in list_with_parts(scene.materials)):
+        words += [f"{kind}:{quote_name(material)}" for kind in ("level", *PROPERTIES)]
     return (*(word for word in dict.fromkeys(words) if _has(scene, word)), "gain")
 
 

@@ -12,7 +12,7 @@ from sarmitsuba.core.arrays import C64, C128, F64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.radar.track_errors import turned
+from sarmitsuba.radar.track_errors import turn_axes
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.raw.raw_data import Layer
 from sarmitsuba.simulation.execution.points import add_points
@@ -71,7 +71,7 @@ class PointChanges:
 
         def changed(x: float) -> Radar:
             moved = radar.displaced(*[x * direction] * n)
-            return replace(moved, pointing=turned(radar.pointing, x * angles))
+            return replace(moved, pointing=turn_axes(radar.pointing, x * angles))
 
         step = PHASE_STEP * radar.waveform.wavelength / (4.0 * np.pi) / float(np.linalg.norm(direction))
         return self._difference(changed, step)
@@ -97,6 +97,6 @@ class PointChanges:
         def changed(x: float) -> Radar:
             angles = np.zeros((radar.track.n_pulses, 2))
             angles[:, axis] = x
-            return replace(radar, pointing=turned(radar.pointing, angles))
+            return replace(radar, pointing=turn_axes(radar.pointing, angles))
 
         return self._difference(changed, BEAM_STEP / radar.antenna.per_width[axis])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba.analysis.labels.ground_shapes import ground_shapes
-from sarmitsuba.apps.fit.parameter import AXES, Derivatives, Parameter, quoted
+from sarmitsuba.apps.fit.parameter import AXES, Derivatives, Parameter, quote_name
 from sarmitsuba.core.arrays import C64, F64, I64, unit_rows
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.scene.ground import ENDLESS_GROUND
@@ -38,7 +38,7 @@ class Shift(Parameter):
     @property
     def label(self) -> str:  # type: ignore[override]
         """See the base class."""
-        return f"shift:{quoted(self.shape)}:{self.axis}"
+        return f"shift:{quote_name(self.shape)}:{self.axis}"
 
     def names(self, scene: Scene) -> tuple[str, ...]:
         """See the base class."""
@@ -51,7 +51,7 @@ class Shift(Parameter):
 
     def changed(self, scene: Scene, values: F64) -> Scene:
         """See the base class."""
-        return with_moved(scene, *self.moved(scene, values))
+        return move_mesh(scene, *self.moved(scene, values))
 
     def moved(self, scene: Scene, values: F64) -> tuple[int, F64, F64]:
         """See the base class."""
@@ -87,9 +87,9 @@ class Deformation(Parameter):
     @property
     def label(self) -> str:  # type: ignore[override]
         """See the base class."""
-        return f"{self.kind}:{quoted(self.shape)}"
+        return f"{self.kind}:{quote_name(self.shape)}"
 
-    def _placed(self, scene: Scene) -> tuple[int, F64, float]:
+    def _place(self, scene: Scene) -> tuple[int, F64, float]:
         """Mesh, middle of its base (3,) and its height, m."""
         mesh, geometry = mesh_of(scene, self.shape, self.label), scene.geometry
         first, stop = geometry.mesh_face_offset[mesh : mesh + 2]
@@ -106,16 +106,16 @@ class Deformation(Parameter):
 
     def values(self, scene: Scene) -> F64:
         """See the base class."""
-        _, _, height = self._placed(scene)
+        _, _, height = self._place(scene)
         return np.array([{"height": height, "scale": 1.0, "rotation": 0.0}[self.kind]])
 
     def changed(self, scene: Scene, values: F64) -> Scene:
         """See the base class."""
-        return with_moved(scene, *self.moved(scene, values))
+        return move_mesh(scene, *self.moved(scene, values))
 
     def moved(self, scene: Scene, values: F64) -> tuple[int, F64, F64]:
         """See the base class."""
-        mesh, base, height = self._placed(scene)
+        mesh, base, height = self._place(scene)
         value = float(values[0])
         if self.kind == "rotation":
             c, s = np.cos(value), np.sin(value)
@@ -136,7 +136,7 @@ class Deformation(Parameter):
 
     def displacements(self, scene: Scene, face_mesh: I64) -> Sequence[Displacement]:
         """See the base class."""
-        mesh, base, height = self._placed(scene)
+        mesh, base, height = self._place(scene)
         gradient = self._gradient(height)
         rate = turn_rate(scene.geometry, mesh, gradient)
         return [Displacement(np.zeros(3), face_mesh == mesh, -gradient @ base, gradient, rate)]
@@ -199,7 +199,7 @@ def mesh_of(scene: Scene, name: str, label: str) -> int:
     return found[0]
 
 
-def with_moved(scene: Scene, mesh: int, matrix: F64, offset: F64) -> Scene:
+def move_mesh(scene: Scene, mesh: int, matrix: F64, offset: F64) -> Scene:
     """The scene with the vertices p of one mesh at ``matrix p + offset``."""
     geometry = scene.geometry
     faces = geometry.faces.copy()

@@ -40,7 +40,7 @@ class TangentBatches(BatchTracer):
         c = len(radar.channels)
         moved = c * (1 + len(tangents.displacements))
         carrier = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
-        farther = pulses.profiles(grid[:moved], partial(per_metre, carrier, share))
+        farther = pulses.profiles(grid[:moved], partial(make_range_derivative, carrier, share))
         parts = [pulses.profiles(grid[:c], share), farther]
         end = c * (1 + tangents.count)
         if end > moved:
@@ -49,12 +49,12 @@ class TangentBatches(BatchTracer):
             parts[-1][-2 * c : -c] += pulses.by_azimuth(grid[:c], share)
         if tangents.rates and isinstance(pulses, KeyPulse) and pulses.each > 1:
             # slant ranges within the block change by those of the key pulse and by the range rate's times the time
-            turning = pulses.profiles(grid[end:], partial(per_metre, carrier, share))
+            turning = pulses.profiles(grid[end:], partial(make_range_derivative, carrier, share))
             farther[c:] += pulses.plan.tau.astype(np.float32)[:, None] * turning
         return np.concatenate(parts)
 
 
-def per_metre(carrier: float, share: RangeFilter | None, cycles_per_metre: F64) -> C128:
+def make_range_derivative(carrier: float, share: RangeFilter | None, cycles_per_metre: F64) -> C128:
     """Factor on the spectrum of range profiles that differentiates by the slant range, rad/m."""
     factor = -1j * (carrier + 2.0 * np.pi * cycles_per_metre)
     return np.asarray(factor if share is None else factor * share(cycles_per_metre), dtype=np.complex128)

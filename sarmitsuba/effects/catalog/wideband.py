@@ -93,7 +93,7 @@ class Wideband(Effect):
         method = context.scene.settings.method
         if method == "raster":
             return Assessment(False, "method raster uses the level at the carrier", -np.inf)
-        found, (count, whose) = self._of_materials(context, decided), _of_extensions(context)
+        found, (count, whose) = self._of_materials(context, decided), _ask_extensions(context)
         if count <= (found.value or 1):
             return found
         wave = context.scene.radar.waveform
@@ -154,7 +154,7 @@ class Wideband(Effect):
         return Assessment(True, why, error, count, note=note)
 
 
-def _of_extensions(context: SceneContext) -> tuple[int, str]:
+def _ask_extensions(context: SceneContext) -> tuple[int, str]:
     """Frequencies that scatterers and effects of a user's own ask for, and the name of the one that asks for most."""
     switches = context.scene.settings.effects
     own = [target.kind for target in context.scene.scatterers if is_own(target)]

@@ -16,7 +16,7 @@ from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.files.formats import FORMATS, FileFormat
 from sarmitsuba.files.mat_file import load_mat
-from sarmitsuba.files.phase_history import PhaseHistory, joined, raw_of
+from sarmitsuba.files.phase_history import PhaseHistory, join_parts, raw_of
 from sarmitsuba.machine.isolated import survive
 from sarmitsuba.radar.polarisation import CHANNELS
 from sarmitsuba.signal.raw.raw_data import AutofocusRecords, RawData
@@ -48,7 +48,7 @@ def read_raw(path: Path) -> RawData:
     for file in files:
         history = read_history(file)
         parts.setdefault(history.channel, []).append(history)
-    return raw_of([joined(channel) for channel in parts.values()])
+    return raw_of([join_parts(channel) for channel in parts.values()])
 
 
 def read_history(path: Path) -> PhaseHistory:

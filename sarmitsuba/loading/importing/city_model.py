@@ -17,12 +17,12 @@ from sarmitsuba.loading.importing.places import (
     LOCAL,
     WIDEST,
     Places,
-    beside,
     check_width,
     local_of_geodetic,
     middle,
-    on_plane,
+    project_onto_plane,
     try_conversion,
+    unwrap_longitude,
 )
 from sarmitsuba.loading.importing.polygons import triangulate_in_space, why_unusable
 from sarmitsuba.loading.importing.roofs import GABLED, PYRAMIDS, rise
@@ -250,7 +250,7 @@ class _Place:
             points, margin = np.degrees([[self.known.longitude, self.known.latitude]]), options.radius
         else:
             return None
-        points[:, 0] = beside(points[:, 0], points[0, 0])
+        points[:, 0] = unwrap_longitude(points[:, 0], points[0, 0])
         step = np.degrees(margin / 6.37e6) / np.array(
             [max(np.cos(np.radians(points[:, 1]).max()), 0.01), 1.0]
         )
@@ -290,7 +290,7 @@ class _Place:
         if raster is not None:
             geodetic = self.geodetic(points)
             return local_of_geodetic(self.anchor, geodetic, raster.at(geodetic))
-        flat = points if self.crs == LOCAL else on_plane(self.anchor, self.places.geodetic(points))
+        flat = points if self.crs == LOCAL else project_onto_plane(self.anchor, self.places.geodetic(points))
         return np.column_stack([flat, np.zeros(len(flat))])
 
 
@@ -341,7 +341,9 @@ def _add_footprints(
             source.skip(why_unusable(polygon), one.name)
             continue
         tags = {"walls": one.wall_material, "roofs": one.roof_material}
-        own = {part: _tagged(source, part, tag, options, materials[part]) for part, tag in tags.items()}
+        own = {
+            part: _choose_by_tag(source, part, tag, options, materials[part]) for part, tag in tags.items()
+        }
         buildings.append(_building(one, polygon, corners[:, 2], options, own, raster is not None))
         names.append(one.name)
     away = [float(np.hypot(*b.polygon.centroid.coords[0])) for b in buildings]
@@ -368,7 +370,7 @@ def _add_footprints(
     return buildings
 
 
-def _tagged(source: CitySource, part: str, tag: str, options: ImportOptions, default: str) -> str:
+def _choose_by_tag(source: CitySource, part: str, tag: str, options: ImportOptions, default: str) -> str:
     """Material of a building's walls or roofs: as chosen, else by its tag; guesses and unknown tags are counted."""
     if part in options.materials or not tag:
         return default

@@ -62,7 +62,7 @@ def make_roof(polygon: "shapely.Polygon", shape: str, across: bool) -> Roof:
     """
     corners = np.asarray(polygon.simplify(_STRAIGHT).exterior.coords)[:-1]
     if not polygon.interiors and shape in GABLED and len(corners) == 4 and _convex(corners):
-        return _gabled(corners, across)
+        return _make_gable(corners, across)
     if not polygon.interiors and shape in PYRAMIDS and _convex(corners):
         n = len(corners)
         apex = np.asarray(polygon.centroid.coords)
@@ -72,7 +72,7 @@ def make_roof(polygon: "shapely.Polygon", shape: str, across: bool) -> Roof:
     return Roof(flat, np.zeros(len(flat)), triangles, np.zeros((0, 3), dtype=np.int32))
 
 
-def _gabled(corners: F64, across: bool) -> Roof:
+def _make_gable(corners: F64, across: bool) -> Roof:
     """Gabled roof with its ridge between the midpoints of two opposite sides, along the longer ones unless across."""
     side = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     long_first = side[0] + side[2] >= side[1] + side[3]

@@ -11,7 +11,14 @@ import numpy as np
 from sarmitsuba.core.arrays import F64, I32, I64
 from sarmitsuba.core.errors import DataError, SceneError
 from sarmitsuba.core.parameters import one_line
-from sarmitsuba.loading.importing.places import WGS84, Places, beside, check_map, local_of_geodetic, projected
+from sarmitsuba.loading.importing.places import (
+    WGS84,
+    Places,
+    check_map,
+    local_of_geodetic,
+    project_points,
+    unwrap_longitude,
+)
 from sarmitsuba.loading.importing.triangulated import Network, network
 from sarmitsuba.machine.isolated import survive
 from sarmitsuba.machine.regular_files import check_regular
@@ -61,10 +68,12 @@ class HeightRaster:
         """Heights interpolated bilinearly, (n,) float64, m; nan outside and next to missing samples."""
         n_rows, n_columns = self.heights.shape
         if self.crs != WGS84:
-            xy = projected(longitude_latitude, WGS84, self.crs, self.name)
+            xy = project_points(longitude_latitude, WGS84, self.crs, self.name)
         else:
             center = self.affine @ [0.5 * n_columns, 0.5 * n_rows, 1.0]
-            xy = np.column_stack([beside(longitude_latitude[:, 0], center[0]), longitude_latitude[:, 1]])
+            xy = np.column_stack(
+                [unwrap_longitude(longitude_latitude[:, 0], center[0]), longitude_latitude[:, 1]]
+            )
         column, row = np.linalg.solve(self.affine[:, :2], (xy - self.affine[:, 2]).T)
         # positions on the last sample are inside, despite rounding
         inside = (
@@ -145,11 +154,11 @@ def _read(path: Path, where: str, geoid: float, around: F64 | None) -> HeightRas
         if around is not None:
             edge = _frame(around)
             if crs != WGS84:
-                edge = projected(edge, WGS84, crs, where)
+                edge = project_points(edge, WGS84, crs, where)
             else:
                 west, east = file.bounds.left, file.bounds.right
                 middle = float(edge[:, 0].mean())
-                edge[:, 0] += beside(middle, 0.5 * (west + east)) - middle
+                edge[:, 0] += unwrap_longitude(middle, 0.5 * (west + east)) - middle
             wanted = from_bounds(*edge.min(axis=0), *edge.max(axis=0), file.transform)
             window = _whole(wanted, file.width, file.height, where)
         n = int(window.height) * int(window.width)

@@ -45,11 +45,11 @@ def network(heights: F64, tolerance: float) -> Network:
     ----------
     W. Evans, D. Kirkpatrick, G. Townsend, Right-Triangulated Irregular Networks, Algorithmica 30 (2001), 264.
     """
-    z = _padded(heights)
+    z = _pad_raster(heights)
     inner = tolerance
     for _ in range(_TRIES):
         active = _errors(z) > inner
-        deviation = float(np.nanmax(np.abs(_interpolated(z, active) - z), initial=0.0))
+        deviation = float(np.nanmax(np.abs(_interpolate_heights(z, active) - z), initial=0.0))
         if deviation <= tolerance:
             break
         inner *= 0.7
@@ -62,7 +62,7 @@ def network(heights: F64, tolerance: float) -> Network:
     return Network(used // z.shape[1], used % z.shape[1], faces.reshape(-1, 3).astype(np.int32), deviation)
 
 
-def _padded(heights: F64) -> F64:
+def _pad_raster(heights: F64) -> F64:
     """Raster of the next power of two and one, nan outside."""
     side = 1 << max(int(np.ceil(np.log2(max(*heights.shape, 2) - 1))), 0)
     z = np.full((side + 1, side + 1), np.nan)
@@ -70,7 +70,7 @@ def _padded(heights: F64) -> F64:
     return z
 
 
-def _across(z: F64, s: int) -> tuple[tuple[slice, slice], F64]:
+def _sample_across(z: F64, s: int) -> tuple[tuple[slice, slice], F64]:
     """Centres of squares of side 2 s, and the means of the ends of their diagonals, which alternate."""
     here = (slice(s, None, 2 * s), slice(s, None, 2 * s))
     n = (z.shape[0] - 1) // (2 * s)
@@ -84,7 +84,7 @@ def _across(z: F64, s: int) -> tuple[tuple[slice, slice], F64]:
 _CORNERS = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
 
 
-def _along(z: F64, s: int, axis: int) -> tuple[tuple[slice, slice], F64]:
+def _sample_along(z: F64, s: int, axis: int) -> tuple[tuple[slice, slice], F64]:
     """Midpoints of the sides of length 2 s along an axis, and the means of their ends."""
     w = z if axis == 1 else z.T
     mean = 0.5 * (w[:: 2 * s, : -2 * s : 2 * s] + w[:: 2 * s, 2 * s :: 2 * s])
@@ -106,7 +106,7 @@ def _errors(z: F64) -> F64:
     while 2 * s <= side:
         half = s // 2
         for axis in (0, 1):
-            here, mean = _along(z, s, axis)
+            here, mean = _sample_along(z, s, axis)
             off[here] = _deviation(z[here], mean)
             if half:
                 wide = np.pad(off, half)
@@ -114,7 +114,7 @@ def _errors(z: F64) -> F64:
                 for i in (0, 2 * half):
                     for j in (0, 2 * half):
                         off[here] = np.maximum(off[here], wide[np.ix_(rows + i, columns + j)])
-        here, mean = _across(z, s)
+        here, mean = _sample_across(z, s)
         own = _deviation(z[here], mean)
         rows, columns = (np.arange(side + 1)[part] for part in here)
         for i, j in ((-s, 0), (s, 0), (0, -s), (0, s)):
@@ -124,15 +124,15 @@ def _errors(z: F64) -> F64:
     return off
 
 
-def _interpolated(z: F64, active: NDArray[np.bool_]) -> F64:
+def _interpolate_heights(z: F64, active: NDArray[np.bool_]) -> F64:
     """Heights of the triangles at all samples."""
     made = z.copy()
     s = (z.shape[0] - 1) // 2
     while s >= 1:
-        here, mean = _across(made, s)
+        here, mean = _sample_across(made, s)
         made[here] = np.where(active[here], z[here], mean)
         for axis in (0, 1):
-            here, mean = _along(made, s, axis)
+            here, mean = _sample_along(made, s, axis)
             made[here] = np.where(active[here], z[here], mean)
         s //= 2
     return made

@@ -27,7 +27,7 @@ def conforming(corners: F64, tolerance: float) -> tuple[F64, I64]:
     -----
     Surfaces that cross each other, or touch within a face, are not joined.
     """
-    vertices, faces = _joined(corners, tolerance)
+    vertices, faces = _join_corners(corners, tolerance)
     for _ in range(_PASSES):
         faces = _once(vertices, faces, tolerance)
         cut, place, at = _cuts(vertices, faces, tolerance)
@@ -42,7 +42,7 @@ def conforming(corners: F64, tolerance: float) -> tuple[F64, I64]:
     return vertices[used], np.asarray(number.reshape(-1, 3), dtype=np.int64)
 
 
-def _joined(corners: F64, tolerance: float) -> tuple[F64, I64]:
+def _join_corners(corners: F64, tolerance: float) -> tuple[F64, I64]:
     """Vertices and faces; corners nearer to another one than the tolerance are that one, not chains of them."""
     points, number = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     label = join_points(points, tolerance)[number.reshape(-1)]

@@ -5,7 +5,7 @@ import numpy as np
 from sarmitsuba.core.arrays import I32, I64
 
 
-def connected(count: int, first: I64 | I32, second: I64 | I32) -> I64:
+def label_connected(count: int, first: I64 | I32, second: I64 | I32) -> I64:
     """Number of the connected part of each of ``count`` nodes, (count,) int64; parts are numbered by their first nodes.
 
     Two rounds at least halve the number of parts that have to be joined. Importing SciPy's search takes longer (0.07 s)

@@ -89,11 +89,11 @@ def corner_needs(
     if np.isinf(need).all():
         return planned, needed
     number = np.repeat(np.arange(len(first)), np.diff(first, append=len(rows)))
-    needed[rows], planned[rows] = need[number], _within_bound(need, shown)[number]
+    needed[rows], planned[rows] = need[number], _limit_needs(need, shown)[number]
     return planned, needed
 
 
-def _within_bound(need: F64, area: F64) -> F64:
+def _limit_needs(need: F64, area: F64) -> F64:
     """Needs of facets (n,), m, that ``MOST_RAYS`` allow for their projected areas, m^2; infinite for others."""
     granted = np.full(need.size, np.inf)
     all_rays = float((area / np.square(need)).sum())

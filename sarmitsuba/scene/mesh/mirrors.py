@@ -52,14 +52,14 @@ def mirror_planes(vertices: F64, faces: I64, tolerance: float, step: float) -> t
     box = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
     t = _pieces(t, step)
     middle = t.mean(axis=1)
-    points = _thinned(np.concatenate([vertices, middle]), THINNED * step)
+    points = _thin_points(np.concatenate([vertices, middle]), THINNED * step)
     tree, balls = (
         cKDTree(middle),
         TriangleBalls(middle, np.linalg.norm(t - middle[:, None], axis=2).max(axis=1)),
     )
     best = (box, np.zeros((0, 3)))
     for center, axes in ((box, np.eye(3)), (centroid, np.linalg.eigh(spread)[1].T)):
-        found = [axis for axis in axes if _mirrored(points, t, tree, balls, center, axis, tolerance)]
+        found = [axis for axis in axes if _is_mirrored(points, t, tree, balls, center, axis, tolerance)]
         if len(found) > len(best[1]):
             best = (center, np.array(found))
     return best
@@ -80,13 +80,13 @@ def _pieces(t: F64, longest: float) -> F64:
     return np.concatenate(done)
 
 
-def _thinned(points: F64, size: float) -> F64:
+def _thin_points(points: F64, size: float) -> F64:
     """One of the points (n, 3) of each cube of a size, those of different cubes mixed."""
     _, first = np.unique(np.floor(points / size).astype(np.int64), axis=0, return_index=True)
     return np.asarray(points[np.random.default_rng(0).permutation(first)])
 
 
-def _mirrored(
+def _is_mirrored(
     points: F64, t: F64, tree: "cKDTree", balls: TriangleBalls, center: F64, axis: F64, tolerance: float
 ) -> bool:
     """Whether the mirrored points lie on the surface, and no triangle lies in the plane."""

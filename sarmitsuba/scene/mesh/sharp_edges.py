@@ -111,7 +111,7 @@ class SharpEdges:
             rms_height=self.rms_height[rows] if len(self.rms_height) else self.rms_height,
         )
 
-    def weighted(self, share: F64) -> "SharpEdges":
+    def weigh(self, share: F64) -> "SharpEdges":
         """Edges with their amplitudes multiplied by a share (n,), without those of share 0."""
         return replace(self, weight=self.weight * share).of(share > 0.0)
 
@@ -146,8 +146,8 @@ def sharp_edges(
     Notes
     -----
     Ignores edges of three triangles and more, and those between metal and another material. A side that lies within
-    another triangle is a rim: :func:`sarmitsuba.tracing.scatterers.edges.diffraction.uncovered` removes rims that touch
-    another object.
+    another triangle is a rim: :func:`sarmitsuba.tracing.scatterers.edges.diffraction.find_uncovered` removes rims that
+    touch another object.
     """
     corners, doubled = np.asarray(corners, dtype=np.float64), 0
     if shape is not None:
@@ -208,7 +208,7 @@ def sharp_edges(
     faces_out = np.concatenate([np.stack([own, -own], axis=1), wedge])
     exterior = np.concatenate([np.full(rim.size, 2.0), 2.0 - opening / np.pi])
     middle = start[edge] + shares.mean(axis=1)[:, None] * step[edge]
-    middle[rim.size :] += _towards_plane(middle[rim.size :], inward[a], start[b], normal[b // 3], gap)
+    middle[rim.size :] += _step_towards_plane(middle[rim.size :], inward[a], start[b], normal[b // 3], gap)
     return SharpEdges(
         middle,
         (shares[:, 1] - shares[:, 0]) * length[edge],
@@ -224,7 +224,7 @@ def sharp_edges(
     )
 
 
-def _towards_plane(middle: F64, inward: F64, other: F64, normal: F64, gap: F64) -> F64:
+def _step_towards_plane(middle: F64, inward: F64, other: F64, normal: F64, gap: F64) -> F64:
     """(n, 3) steps in a face, across the edge, to where the plane of the other face meets it; 0 without a gap."""
     slope = np.einsum("ei,ei->e", inward, normal)
     step = np.einsum("ei,ei->e", other - middle, normal) / np.where(slope == 0.0, 1.0, slope)

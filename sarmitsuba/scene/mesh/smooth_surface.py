@@ -127,7 +127,9 @@ def smooth_surface(vertices: F64, faces: I32, group: I32 | I64, sagitta: float) 
         middle[cut] = len(points) + np.arange(int(cut.sum()))
         a, b = edge[cut] // len(points), edge[cut] % len(points)
         points = np.concatenate([points, 0.5 * (points[a] + points[b]) + crease[cut]])
-        corner, normal, parent = _divided(corner, middle[number], normal, _between(normal, other), parent)
+        corner, normal, parent = _divide_triangles(
+            corner, middle[number], normal, _interpolate_normals(normal, other), parent
+        )
         if len(corner) > MOST_FACES:
             raise SceneError(
                 f"smooth surface: more than {MOST_FACES} facets would lie within {sagitta:.2g} m of it; take a lower "
@@ -208,13 +210,15 @@ def _crease_rise(points: F64, edge: I64, number: I64, start: I64, end: I64, norm
     return mean
 
 
-def _between(first: F64, second: F64) -> F64:
+def _interpolate_normals(first: F64, second: F64) -> F64:
     """Normals in the middle of sides, (n, 3, 3)."""
     total = first + second
     return unit_rows(total)
 
 
-def _divided(corner: I64, middle: I64, normal: F64, between: F64, parent: I64) -> tuple[I64, F64, I64]:
+def _divide_triangles(
+    corner: I64, middle: I64, normal: F64, between: F64, parent: I64
+) -> tuple[I64, F64, I64]:
     """Triangles cut at the middles (n, 3) of their sides, -1 for none; side i begins at corner i."""
     split = middle >= 0
     count = split.sum(axis=1)

@@ -77,10 +77,10 @@ def metal_edges(corners: F64, metal: NDArray[np.bool_], wavelength: float, shape
     wavelength : m
     shape : (n,) number of the shape of each triangle
     """
-    return with_thin_rims(sharp_edges(corners, metal, WIDEST_GAP * wavelength, shape), wavelength)
+    return replace_thin_rims(sharp_edges(corners, metal, WIDEST_GAP * wavelength, shape), wavelength)
 
 
-def with_thin_rims(edges: SharpEdges, wavelength: float) -> SharpEdges:
+def replace_thin_rims(edges: SharpEdges, wavelength: float) -> SharpEdges:
     """Edges with the rims of thin plates in place of, or beside, their two wedges.
 
     Two parallel right-angled wedges whose narrow face they share are one rim over their overlap. The parts of a rim

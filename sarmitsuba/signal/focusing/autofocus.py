@@ -185,7 +185,7 @@ def apply_autofocus_records(raw: RawData) -> RawData:
     )
 
 
-def without_trend(radar: Radar, error: F64, weight: F64) -> F64:
+def remove_trend(radar: Radar, error: F64, weight: F64) -> F64:
     """Range error without its constant and its slope, which only shift the image.
 
     Parameters

@@ -457,7 +457,7 @@ def focus(
         **flight_facts(raw.radar),
         **signal_facts(raw.radar),
         "range_compression": raw.metadata.get("range_compression", "none"),
-        **_of_the_radar(raw.radar, grid, focused, range_window),
+        **_describe_reference(raw.radar, grid, focused, range_window),
     }
     sine = float(np.sin(incidence[incidence.size // 2]))
     share = shown_share(echoes, focused.pixels, grid, (cells.center, range_cell), sine)
@@ -480,7 +480,7 @@ def _sum_db(first: float, second: float) -> float:
     return float(db_from_power(power_from_db(first) + power_from_db(second)))
 
 
-def _of_the_radar(
+def _describe_reference(
     radar: Radar, grid: ImageGrid, focused: Focused, range_window: Window
 ) -> dict[str, float | bool]:
     """Reference figures for quality measures: squint of pixels with their own apertures, and NESZ at the centre."""

@@ -330,14 +330,14 @@ class RangeInterpolation(LinearMap):
 
     def forward(self, values: C64) -> C64:
         """Pixels (n_layers, n_azimuth, n_range) of those on ``slant``, (n_layers, n_azimuth, n_slant)."""
-        return self._applied(self._matrix, values)
+        return self._apply_matrix(self._matrix, values)
 
     def adjoint(self, values: C64) -> C64:
         """Pixels on ``slant`` from those at the other ranges."""
-        return self._applied(self._matrix.conj().T, values)
+        return self._apply_matrix(self._matrix.conj().T, values)
 
     @staticmethod
-    def _applied(matrix: "scipy.sparse.sparray", values: C64) -> C64:
+    def _apply_matrix(matrix: "scipy.sparse.sparray", values: C64) -> C64:
         flat = values.reshape(-1, values.shape[-1])
         return np.asarray((matrix @ flat.T).T, dtype=np.complex64).reshape(*values.shape[:-1], -1)
 

@@ -172,7 +172,7 @@ class RangeRateMatrices:
         drift = range_rate[:, None] * plan.tau + bend
         shift = radar.range_per_rate * (range_rate[:, None] + radar.range_rate(plan.reference, pulses))
         middle = float(0.5 * (range_rate[0] + range_rate[-1]))
-        walk = _per_bin(plan) * (drift - middle * plan.tau + shift)  # rad per bin
+        walk = _phase_per_bin(plan) * (drift - middle * plan.tau + shift)  # rad per bin
         lever = plan.tau
         if plan.n_range_rate > 1:
             lever = (drift[-1] - drift[0]) / (range_rate[-1] - range_rate[0])
@@ -197,7 +197,7 @@ class RangeRateMatrices:
         -------
         m, q, matrix, weight : with the matrices (n_range_rate, 4 K) of all orders side by side, and weights (n, K)
         """
-        plan, radar, per_bin = self.plan, self.radar, _per_bin(self.plan)
+        plan, radar, per_bin = self.plan, self.radar, _phase_per_bin(self.plan)
         m = np.arange(m0, min(m0 + 2 * self.half + 1, self.count + 1))
         center = int(m[len(m) // 2])
         wavenumber = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
@@ -256,7 +256,7 @@ class RangeRateMatrices:
         return np.ascontiguousarray(grid[:, : plan.n_range])
 
 
-def _per_bin(plan: BlockPlan) -> float:
+def _phase_per_bin(plan: BlockPlan) -> float:
     """Phase per metre and bin, rad."""
     return 2.0 * np.pi / (plan.n_inner * plan.range_step)
 
@@ -273,7 +273,7 @@ def _range_weight(width: int, n: int, count: int, guard: int) -> C64:
 
 def _pulse_weight(m: I64, center: int, middle: float, lever: F64, plan: BlockPlan, radar: Radar) -> C64:
     """Factor by frequency and pulse, (n_m, K): kernel along the range rate, mean walk."""
-    per_bin = _per_bin(plan)
+    per_bin = _phase_per_bin(plan)
     carrier_bins = radar.waveform.center_frequency * 2.0 * plan.n_inner * plan.range_step / SPEED_OF_LIGHT
     # cycles per range-rate cell: nearly the same for all m, so three Chebyshev points and a parabola
     span = max(float(np.abs(m - center).max()), 1.0)

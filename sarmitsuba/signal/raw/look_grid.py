@@ -167,7 +167,7 @@ class LookGrid:
         y = (azimuth - self.azimuth0) * (1.0 / self.azimuth_step)
         return offset, x, y
 
-    def filtered(self, cells: C64, share: RangeFilter | None, wavelength: float) -> C64:
+    def filter_cells(self, cells: C64, share: RangeFilter | None, wavelength: float) -> C64:
         """Cells (n_layers, n_range, n_azimuth) with a factor on their spectrum over the band; None: unchanged.
 
         In a fan's coordinates frequencies are circles about the origin of the wavenumbers, as in the response.

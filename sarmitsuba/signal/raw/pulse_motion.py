@@ -76,13 +76,13 @@ class BoresightPhase(LinearMap):
 
     def forward(self, values: C64) -> C64:
         """Echoes (n_layers, n_pulses, n_samples) of the start-stop approximation."""
-        return self._turned(values, 1.0)
+        return self._turn(values, 1.0)
 
     def adjoint(self, values: C64) -> C64:
         """Echoes with the phase again."""
-        return self._turned(values, -1.0)
+        return self._turn(values, -1.0)
 
-    def _turned(self, values: C64, sign: float) -> C64:
+    def _turn(self, values: C64, sign: float) -> C64:
         radar, window = self.radar, self.radar.window
         moving = InPulse.of(radar, slice(None))
         assert moving is not None

@@ -76,8 +76,8 @@ class SubBands:
 
     def range_filter(self, index: int) -> RangeFilter | None:
         """Share of one traced frequency as a factor on the spectrum of range profiles; None for a single frequency."""
-        return None if self.count == 1 else partial(self._of_range, index)
+        return None if self.count == 1 else partial(self._phase_of_range, index)
 
-    def _of_range(self, index: int, cycles_per_metre: F64) -> F64:
+    def _phase_of_range(self, index: int, cycles_per_metre: F64) -> F64:
         every = self.shares(self.center_frequency + 0.5 * SPEED_OF_LIGHT * cycles_per_metre)
         return np.asarray(every[index])

@@ -192,7 +192,7 @@ class TraceJob:
 
     def tracer(self) -> BatchTracer:
         """Tracer with the geometry built on this process's device; the back end must be started."""
-        trace_scene = built(self.scene)
+        trace_scene = build_geometry(self.scene)
         flags, timer = self.sampling.flags, StageTimer()
         tracer = Tracer(self.sampling, flags, trace_scene, self.max_depth, timer, self.sub_bands)
         rays = Rays(self.sampling, trace_scene, self.layers.subsets, self.pass_index, self.max_depth)
@@ -212,7 +212,7 @@ class Workers(Protocol):
         ...
 
 
-def built(scene: Scene) -> TraceScene:
+def build_geometry(scene: Scene) -> TraceScene:
     """Geometry of a scene on the device."""
     wavelength, antenna = scene.radar.waveform.wavelength, scene.radar.track.center_position
     geometry, materials, seed = scene.geometry, scene.materials, scene.settings.seed

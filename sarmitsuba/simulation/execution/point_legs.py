@@ -136,7 +136,9 @@ def takes_part(trace_scene: TraceScene | None, flags: KernelFlags) -> bool:
     return within or changes_echoes(flags)
 
 
-def over_band(scene: Scene, trace_scene: TraceScene | None, bands: SubBands) -> tuple[TraceScene | None, ...]:
+def build_legs(
+    scene: Scene, trace_scene: TraceScene | None, bands: SubBands
+) -> tuple[TraceScene | None, ...]:
     """Geometry that acts on straight legs, with the materials at each traced frequency."""
     if bands.count == 1 or trace_scene is None:
         return (trace_scene,) * bands.count

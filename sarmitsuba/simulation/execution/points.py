@@ -18,10 +18,10 @@ from sarmitsuba.signal.raw.pulse_motion import InPulse, carrier_range
 from sarmitsuba.signal.raw.raw_data import Layer
 from sarmitsuba.signal.raw.sub_bands import SubBands
 from sarmitsuba.simulation.execution.blame import blame_stages
-from sarmitsuba.simulation.execution.point_legs import PointLegs, over_band, takes_part
+from sarmitsuba.simulation.execution.point_legs import PointLegs, build_legs, takes_part
 from sarmitsuba.simulation.execution.tracing import polarisation_up
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene
-from sarmitsuba.tracing.kernel.stage import changes_echoes, echoed
+from sarmitsuba.tracing.kernel.stage import apply_at_echo, changes_echoes
 from sarmitsuba.tracing.kernel.state import SCATTERER, Contribution
 
 # pulses times samples of one NumPy batch; bounds temporary arrays to about 100 MB
@@ -86,7 +86,7 @@ class PointEcho:
             return self
         n = len(self.slant_range)
         each = [self.channel(channel) for channel in flags.channels]
-        echo = echoed(
+        echo = apply_at_echo(
             flags,
             mi.Float(2.0 * np.pi / wavelength),
             Contribution(
@@ -187,7 +187,7 @@ def add_points(
         if layer.order in (0, 1) and (isotropic_response(layer.channel) or partly)
     }
     bands = SubBands(wave.center_frequency, wave.bandwidth, sub_bands if partly else 1)
-    standing = over_band(scene, trace_scene, bands)
+    standing = build_legs(scene, trace_scene, bands)
     sample = np.arange(window.n_samples) * window.sample_spacing
     moving = InPulse.of(radar, slice(None))
     added = 0

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.radar.track_errors import turned
+from sarmitsuba.radar.track_errors import turn_axes
 from sarmitsuba.signal.raw.block import BlockPlan, plan_block
 from sarmitsuba.signal.raw.block_synthesis import synthesise, synthesise_adjoint
 from sarmitsuba.signal.raw.direct import DirectPlan, finish, finish_adjoint, plan_direct
@@ -128,7 +128,7 @@ class KeyPulse(Pulses):
         ends = []
         for angle in (-step, step):
             angles = np.tile([angle, 0.0], (self.radar.track.n_pulses, 1))
-            radar = replace(self.radar, pointing=turned(self.radar.pointing, angles))
+            radar = replace(self.radar, pointing=turn_axes(self.radar.pointing, angles))
             ends.append(synthesise(grid, self.plan, radar, beam=True, share=share))
         return np.asarray((ends[1] - ends[0]) * np.float32(0.5 / step))
 

@@ -140,14 +140,14 @@ def _report(run: Run, blocks: Blocks, rays: Witness | None) -> SamplingReport:
     """Report on traced blocks, whose data are weighted by the shares of the ray subsets; finds the run's witnesses."""
     error_db = blocks.error_db
     allowance, timer = Allowance.of(run.statistics, len(run.layers.subsets)), run.timer
-    blocks.tracer.timed(StageTimer(timer.clock))  # the seconds of tracing are those of the data
+    blocks.tracer.use_timer(StageTimer(timer.clock))  # the seconds of tracing are those of the data
     shared = block_witness(run, blocks, allowance)
     for plane, layer in zip(
         blocks.data, run.layers.layers, strict=True
     ):  # each subset is a whole image of its own
         plane *= np.float32(SUBSET_SHARES[layer.subset])
     run.witnesses = _witnesses(run, blocks, rays, shared, allowance)
-    blocks.tracer.timed(timer)
+    blocks.tracer.use_timer(timer)
     timer.lap("witnesses")
     pulse = run.scene.radar.track.center_index
     middle = [tuple(grid for grid in grids if grid.serves(pulse)) for grids in blocks.rays.at(pulse)]

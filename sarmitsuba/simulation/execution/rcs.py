@@ -24,7 +24,7 @@ from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.settings import TOLERANCE_DB
-from sarmitsuba.simulation.execution.blame import blame_stages, blamed, check_traced
+from sarmitsuba.simulation.execution.blame import blame_stages, check_traced, find_blame
 from sarmitsuba.simulation.execution.recording import Recording
 from sarmitsuba.simulation.planning.sampling.density_plan import FINE_RAYS, RAYS_PER_WAVELENGTH
 from sarmitsuba.tracing.kernel.accumulators import SumAccumulator
@@ -161,7 +161,7 @@ class BouncesLeft:
         )
 
 
-def probed(unfinished: NDArray[np.bool_]) -> NDArray[np.intp]:
+def choose_probes(unfinished: NDArray[np.bool_]) -> NDArray[np.intp]:
     """Directions from which the needed number of bounces is determined, among those with rays still active."""
     rows = np.flatnonzero(unfinished)
     return np.asarray(rows[:: -(-rows.size // PROBED)])
@@ -330,7 +330,7 @@ def monostatic_rcs(
     every = np.arange(look.shape[0])
     amplitude, alive = traced(every, depth, keep_orders, progress)
     if alive.any() and not max_depth:
-        few = probed(alive)
+        few = choose_probes(alive)
         left = BouncesLeft.of(lambda n: traced(few, n, True, silent)[0], depth)
         if left.depth > depth:
             depth = left.depth
@@ -361,7 +361,7 @@ def _stop(
             _, state = trace(kernel, Antenna(), through_stages(kernel, recording))
             dr.eval(state, recording.memory)
 
-        return blamed(again, lanes, settings.max_depth, n_channels, scene, geometry, materials, label)
+        return find_blame(again, lanes, settings.max_depth, n_channels, scene, geometry, materials, label)
 
     blame_stages(flags, "rcs", lambda other: not culprit(other))
     check_traced(np.zeros(0, np.complex64), np.nan, "rcs", culprit)

@@ -14,7 +14,7 @@ from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.raw.sub_bands import RangeFilter, SubBands
-from sarmitsuba.simulation.execution.blame import blame_stages, blamed, check_traced
+from sarmitsuba.simulation.execution.blame import blame_stages, check_traced, find_blame
 from sarmitsuba.simulation.execution.pulses import AntennaStates
 from sarmitsuba.simulation.execution.recording import Recording
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
@@ -109,7 +109,7 @@ class Tracer:
         other.by_frequency = (other,)
         return other
 
-    def timed(self, timer: StageTimer) -> None:
+    def use_timer(self, timer: StageTimer) -> None:
         """Use another timer for the stages, at every frequency."""
         for tracer in {self, *self.by_frequency}:
             tracer.timer = timer
@@ -209,7 +209,7 @@ class Tracer:
             def label(pulse: int) -> str:
                 return f"look {pulse}" if look else f"pulse {pick.start + pulse}"
 
-            return blamed(again, lanes, depth, n_channels, *bodies, label)
+            return find_blame(again, lanes, depth, n_channels, *bodies, label)
 
         blame_stages(kernel.flags, scene.name, lambda flags: not culprit(flags))
         check_traced(np.zeros(0, np.complex64), np.nan, scene.name, culprit)

@@ -19,7 +19,7 @@ from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.core.units import db_from_amplitude, db_from_power, power_from_db
 from sarmitsuba.effects.catalog.full_wave import FULL_WAVE
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.effects.plan import plan_effects, without_switch
+from sarmitsuba.effects.plan import plan_effects, remove_switch
 from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.radar.antenna import Antenna
@@ -32,7 +32,7 @@ from sarmitsuba.simulation.execution.error_statement import SILENT_DB, ErrorStat
 from sarmitsuba.simulation.execution.far_field import FAR, Aspects, FarSite, geometry_of, target_middle
 from sarmitsuba.simulation.execution.point_legs import PointLegs
 from sarmitsuba.simulation.execution.points import PointEcho
-from sarmitsuba.simulation.execution.rcs import BouncesLeft, RcsResult, monostatic_rcs, probed
+from sarmitsuba.simulation.execution.rcs import BouncesLeft, RcsResult, choose_probes, monostatic_rcs
 from sarmitsuba.simulation.execution.solved_currents import (
     WORTH_DB,
     FullWaveTarget,
@@ -160,7 +160,7 @@ def rcs_sweep(
     channels = channels or scene.radar.channels
     frequency = scene.radar.waveform.center_frequency
     switch = scene.settings.effects.get(FULL_WAVE, "auto")
-    scene, flags, depth = _effects(without_switch(scene, FULL_WAVE), aspects, channels)
+    scene, flags, depth = _effects(remove_switch(scene, FULL_WAVE), aspects, channels)
     tracing = _AspectTracing(scene, flags, depth, most_rays, progress, FarSite(scene, flags, aspects))
     traced = tracing.first(aspects)
     currents: SolvedCurrents | str = "directions are not checked"
@@ -252,7 +252,7 @@ class _AspectTracing:
     def amplitudes(self, aspects: Aspects, realisation: int) -> RcsResult:
         """Scattering amplitudes (n, depth, n_channels); other realisations have other rays."""
         parts = [
-            (pick, self._traced(aspects.directions[pick], up, realisation)) for pick, up in _uprights(aspects)
+            (pick, self._trace(aspects.directions[pick], up, realisation)) for pick, up in _uprights(aspects)
         ]
         first = parts[0][1]
         amplitude = np.empty((aspects.azimuth.size, *first.amplitude.shape[1:]), dtype=np.complex128)
@@ -265,7 +265,7 @@ class _AspectTracing:
         """Truncation error by later bounces, from some aspects with rays still active; None without such aspects."""
         if not unfinished.any():
             return None
-        pick = probed(unfinished)
+        pick = choose_probes(unfinished)
         some = Aspects(aspects.azimuth[pick], aspects.elevation[pick])
         quiet = dataclasses.replace(self, progress=silent)
         return BouncesLeft.of(
@@ -274,9 +274,7 @@ class _AspectTracing:
             self.scene.settings.tolerance_db,
         )
 
-    def refined(
-        self, aspects: Aspects, first: RcsResult, checked: int
-    ) -> tuple[RcsResult, tuple[float, ...]]:
+    def refine(self, aspects: Aspects, first: RcsResult, checked: int) -> tuple[RcsResult, tuple[float, ...]]:
         """Amplitudes with a sampling error low enough where rays are automatic and enough, and the error, dB.
 
         The spacing is searched with the checked aspects alone; then all are traced again.
@@ -323,7 +321,7 @@ class _AspectTracing:
         with np.errstate(divide="ignore", invalid="ignore"):
             return tuple(float(v) for v in db_from_power(error / energy))
 
-    def _traced(self, directions: F64, up: tuple[float, float, float], realisation: int) -> RcsResult:
+    def _trace(self, directions: F64, up: tuple[float, float, float], realisation: int) -> RcsResult:
         scene = self.scene
         return monostatic_rcs(
             scene.geometry,
@@ -363,7 +361,7 @@ class _TracedAspects:
         result, errors = self.result, self.errors
         said: tuple[str, ...] = ()
         if checked:
-            result, errors = self.tracing.refined(aspects, result, checked)
+            result, errors = self.tracing.refine(aspects, result, checked)
             said = say_sampling_error(self.tracing.scene, result.ray_spacing, errors)
         notes = _notes(self.tracing.scene, result.ray_spacing) + self.notes + said
         return dataclasses.replace(self, result=result, errors=errors, notes=notes)

@@ -6,12 +6,12 @@ import numpy as np
 
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.catalog.full_wave import FULL_WAVE
-from sarmitsuba.effects.plan import without_switch
+from sarmitsuba.effects.plan import remove_switch
 from sarmitsuba.loading.assemble import seen_by
 from sarmitsuba.radar.description import RadarDescription, RadarInput
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.track import Track
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.execution.far_field import FAR, Aspects, outline_of, target_middle
 
@@ -72,7 +72,7 @@ def turntable_scene(
     -----
     The radar is a thousand radii away. If it lies in the image plane it is raised by 1e-4 rad.
     """
-    scene = without_switch(scene, FULL_WAVE)  # of the sweep alone
+    scene = remove_switch(scene, FULL_WAVE)  # of the sweep alone
     center, radius = target_middle(scene)
     frequency = scene.radar.waveform.center_frequency
     width = float(np.linalg.norm((outline_of(scene) - center)[:, :2], axis=1).max())
@@ -117,7 +117,7 @@ def turntable_scene(
         ),
         track,
     )
-    used = with_parts([scene.materials[i] for i in np.unique(scene.geometry.face_material)])
+    used = list_with_parts([scene.materials[i] for i in np.unique(scene.geometry.face_material)])
     radar, image, notes = seen_by(scene.name, scene.geometry, scene.places, used, description, scene.offset)
     return dataclasses.replace(scene, radar=radar, image=image, notes=notes, description=description)
 

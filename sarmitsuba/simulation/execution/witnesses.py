@@ -125,7 +125,7 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
         start, stop = next(block for block in blocks.blocks if pulse < block[1])
         place = float(rng.uniform(-1.0, 1.0))
         sets = [
-            _of_subset(blocks, subset, (start, stop), pulse, share, place)
+            _trace_subset(blocks, subset, (start, stop), pulse, share, place)
             for subset in range(allowance.subsets)
         ]
         shared, exact = (np.sum(planes, axis=0) for planes in zip(*sets, strict=True))
@@ -138,10 +138,10 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
     strips = f" in strips of {100.0 * share:.0f} % of the window" if share < 1.0 else ""
     reference = f"every pulse traced, at {len(errors)} drawn pulses{strips}"
     found = _worst(np.array(errors), np.array(energies), np.array(here), blocks.error_db, reference)
-    return found and _with_boundaries(found, max(len(blocks.blocks) - 1, 0))
+    return found and _combine_boundaries(found, max(len(blocks.blocks) - 1, 0))
 
 
-def _with_boundaries(found: Witness, boundaries: int) -> Witness:
+def _combine_boundaries(found: Witness, boundaries: int) -> Witness:
     """Mean of the errors at drawn pulses and where blocks meet; at drawn pulses alone where these contradict it.
 
     Where blocks meet, errors that are alike on both sides do not show; but there are more of these places.
@@ -165,7 +165,7 @@ def _certain(found: Witness) -> Witness:
     )
 
 
-def _of_subset(
+def _trace_subset(
     blocks: Blocks, subset: int, block: tuple[int, int], pulse: int, share: float, place: float
 ) -> tuple[C64, C64]:
     """Echoes (n_channels, ...) of a block, and of one of its pulses traced by itself, of one weighted ray subset.
@@ -185,7 +185,7 @@ def _of_subset(
         shared = blocks.batches.trace(Batch(subset, start, stop, together=True), rays).profiles
     exact = blocks.batches.trace(Batch(subset, pulse, pulse + 1, together=True), rays).profiles[:, 0]
     weight = np.float32(SUBSET_SHARES[layers[0].subset])
-    return _by_channel(shared, layers) * weight, _by_channel(exact, layers) * weight
+    return _sum_layers(shared, layers) * weight, _sum_layers(exact, layers) * weight
 
 
 def _chance_of_pulses(blocks: Blocks, energy: F64) -> F64:
@@ -325,7 +325,7 @@ def _compare(
             continue
         batch = Batch(0, start, stop, together=True)
         less, more = (
-            _by_channel(
+            _sum_layers(
                 BatchTracer(tracer, rays, run.layers.per_subset, run.layers.max_order)
                 .trace(batch, lattices, only_rays=only_rays)
                 .profiles,
@@ -334,7 +334,7 @@ def _compare(
             for tracer in ways
         )
         errors.append(sum_energies(more - less))
-        energies.append(sum_energies(_by_channel(data[:, start:stop], run.layers.layers) + more - less))
+        energies.append(sum_energies(_sum_layers(data[:, start:stop], run.layers.layers) + more - less))
         traced += sum(grid.n_rays for grid in lattices)
     if not errors:
         return None
@@ -347,7 +347,7 @@ def _compare(
     return found and replace(found, upper_db=max(found.upper_db, unseen))
 
 
-def _by_channel(planes: C64, layers: Sequence[Layer]) -> C64:
+def _sum_layers(planes: C64, layers: Sequence[Layer]) -> C64:
     """Sum (n_channels, ...) of the layers (n_layers, ...) of every channel."""
     channels = tuple(dict.fromkeys(layer.channel for layer in layers))
     mine = [[i for i, layer in enumerate(layers) if layer.channel == channel] for channel in channels]

@@ -98,7 +98,7 @@ def examine(
     if scene.geometry.n_faces == 0:
         return SceneContext(scene)
     sampling = sampling or SamplingPlan.of(scene)
-    shape = SceneContext(scene).shape_within(PROOF_SHARE * run_seconds(_by_key_pulses(sampling)))
+    shape = SceneContext(scene).shape_within(PROOF_SHARE * run_seconds(_use_key_pulses(sampling)))
     draft = plan_effects(scene, shape=shape, warn=False, up_to=KINDS_RANK)
     sampling = sampling.obeying(scene, draft.flags)
     depth = draft.decision("max_depth")
@@ -144,10 +144,10 @@ def worth_a_pilot(sampling: SamplingPlan) -> bool:
 
     The length is that of a run by key pulses for every method: all methods of one scene have one plan.
     """
-    return run_seconds(_by_key_pulses(sampling)) >= SHORTEST_RUN or sampling.scene.settings.keep_orders
+    return run_seconds(_use_key_pulses(sampling)) >= SHORTEST_RUN or sampling.scene.settings.keep_orders
 
 
-def _by_key_pulses(sampling: SamplingPlan) -> SamplingPlan:
+def _use_key_pulses(sampling: SamplingPlan) -> SamplingPlan:
     """The sampling of the same scene by the method of key pulses."""
     scene = sampling.scene
     settings = replace(scene.settings, method="hybrid", key_pulse_interval=0)
@@ -193,7 +193,7 @@ def run_pilot(
     trace_scene = trace_scene or build_trace_scene(
         scene.geometry, scene.materials, scene.radar.waveform.wavelength
     )
-    keys = _by_key_pulses(sampling).expected_key_pulses
+    keys = _use_key_pulses(sampling).expected_key_pulses
     budget = min(MAX_RAYS, RAY_SHARE * sampling.rays_per_pulse * keys)
     per_pulse = int(np.clip(budget / (len(chosen) * SIDE**2), LEAST_PATCHES, 4096))
     rng = np.random.default_rng([scene.settings.seed & 0x7FFFFFFF, 0x9170])

@@ -102,7 +102,7 @@ class ScatteringMatrix:
         self.dyad = (mi.Complex2f(self.amp_h), none, none, mi.Complex2f(self.amp_v))
         chi = hit.properties.susceptibility
         if "facets" in lanes:
-            self.dyad = _chosen(lanes["facets"], facet_dyad(self.planes, chi), self.amp_h, self.dyad)
+            self.dyad = _choose_dyad(lanes["facets"], facet_dyad(self.planes, chi), self.amp_h, self.dyad)
         if "spectrum" in lanes:
             waves = lanes["spectrum"]
             dyad, co_polar = bragg_dyad(self.planes, chi)
@@ -116,7 +116,7 @@ class ScatteringMatrix:
                 hh, hv, vh, vv = dyad
                 dyad = (hh * c_s.x * c_i.x, hv * c_s.x * c_i.y, vh * c_s.y * c_i.x, vv * c_s.y * c_i.y)
                 co_polar *= dr.sqrt(c_s.x * c_i.x * c_s.y * c_i.y)
-            self.dyad = _chosen(waves, dyad, level, self.dyad)
+            self.dyad = _choose_dyad(waves, dyad, level, self.dyad)
             self.amp_cross = dr.select(waves, level * co_polar, self.amp_cross)
 
     def between(self, q: mi.Vector3f, e: field.ComplexVector) -> list[mi.Complex2f]:
@@ -145,7 +145,7 @@ class ScatteringMatrix:
         return [a + j * b for a, b in zip(*(self.between(part, e) for part in q), strict=True)]
 
 
-def _chosen(lanes: mi.Bool, dyad: Dyad, level: mi.Float, other: Dyad) -> Dyad:
+def _choose_dyad(lanes: mi.Bool, dyad: Dyad, level: mi.Float, other: Dyad) -> Dyad:
     hh, hv, vh, vv = (dr.select(lanes, a * level, b) for a, b in zip(dyad, other, strict=True))
     return hh, hv, vh, vv
 

@@ -158,28 +158,28 @@ def changes_echoes(flags: KernelFlags) -> bool:
     return any(type(stage).at_echo is not Stage.at_echo for stage in stages_of(flags))
 
 
-def _checked(stage: Stage, found: Value, before: Value, optional: tuple[str, ...] = ()) -> Value:
+def _check_returned(stage: Stage, found: Value, before: Value, optional: tuple[str, ...] = ()) -> Value:
     """What a stage returned; checked for a user's own, see :func:`sarmitsuba.tracing.kernel.returned.like`."""
     return found if is_built_in(stage) else like(found, before, optional)
 
 
-def launched(kernel: Kernel, lane: Lane, ray: RayState) -> RayState:
+def apply_at_launch(kernel: Kernel, lane: Lane, ray: RayState) -> RayState:
     """Ray at launch, after all stages."""
     for stage in stages_of(kernel.flags):
         with Calling(_KIND, stage, "at_launch"):
-            ray = _checked(stage, stage.at_launch(kernel, lane, ray), ray)
+            ray = _check_returned(stage, stage.at_launch(kernel, lane, ray), ray)
     return ray
 
 
-def arrived(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> RayState:
+def apply_at_hit(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> RayState:
     """Incident ray at a hit, after all stages."""
     for stage in stages_of(kernel.flags):
         with Calling(_KIND, stage, "at_hit"):
-            ray = _checked(stage, stage.at_hit(kernel, lane, ray, hit), ray)
+            ray = _check_returned(stage, stage.at_hit(kernel, lane, ray, hit), ray)
     return ray
 
 
-def mirrored(
+def apply_at_mirror(
     kernel: Kernel, properties: MaterialRow, cosine: mi.Float, fields: tuple[ComplexVector, ...]
 ) -> tuple[ComplexVector, ...]:
     """Fields reflected by a smooth surface, after all stages; parameters as for :meth:`Stage.at_mirror`."""
@@ -193,14 +193,14 @@ def mirrored(
     return fields
 
 
-def closed(
+def apply_at_closing(
     kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube: TubeFootprint, closing: Closing
 ) -> Closing:
     """Coherent return of the tube at a hit, after all stages."""
     for stage in stages_of(kernel.flags):
         with Calling(_KIND, stage, "at_closing"):
             found = stage.at_closing(kernel, lane, ray, hit, tube, closing)
-            closing = _checked(stage, found, closing, ("integral",))
+            closing = _check_returned(stage, found, closing, ("integral",))
     return closing
 
 
@@ -228,11 +228,11 @@ def vanishing(kernel: Kernel, hit: Hit, tube: TubeFootprint) -> mi.Bool:
     return none
 
 
-def echoed(flags: KernelFlags, wavenumber: mi.Float, echo: Contribution) -> Contribution:
+def apply_at_echo(flags: KernelFlags, wavenumber: mi.Float, echo: Contribution) -> Contribution:
     """Echo after all stages."""
     for stage in stages_of(flags):
         with Calling(_KIND, stage, "at_echo"):
-            echo = _checked(stage, stage.at_echo(wavenumber, echo), echo)
+            echo = _check_returned(stage, stage.at_echo(wavenumber, echo), echo)
     if own_stages(flags):
         # an echo without a place would count as outside the receive window
         placed = echo.placed

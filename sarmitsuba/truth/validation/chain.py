@@ -69,7 +69,7 @@ def make_scene(
 
 
 @contextmanager
-def unwarned() -> Iterator[None]:
+def suppress_warnings() -> Iterator[None]:
     """Suppress the program's warnings about settings that a case chooses on purpose."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SarmitsubaWarning)
@@ -88,7 +88,7 @@ def chain(
 
     Warnings about effects and rays are left out: the cases choose both on purpose.
     """
-    with unwarned():
+    with suppress_warnings():
         raw = simulate(scene, seed=seed)
     if chirped:
         raw = to_chirped(raw)

@@ -38,7 +38,7 @@ def read_osm(path: Path, options: ImportOptions) -> CitySource:
         if element.tag == "way":
             rings, holes = [ways[element.get("id", "")]], []
         elif tags.get("type") == "multipolygon":
-            rings, holes = (_joined(_members(element, role, ways)) for role in ("outer", "inner"))
+            rings, holes = (_join_ways(_members(element, role, ways)) for role in ("outer", "inner"))
         else:
             continue  # a relation of type building groups outlines that are in the file themselves
         try:
@@ -76,7 +76,7 @@ def _members(relation: ET.Element, role: str, ways: dict[str, list[str]]) -> lis
     return [list(ways[ref]) for ref in refs if ways.get(ref)]
 
 
-def _joined(ways: list[list[str]]) -> list[list[str]]:
+def _join_ways(ways: list[list[str]]) -> list[list[str]]:
     """Rings joined from ways with common ends; the last node of a ring repeats the first."""
     done, open_ends = [], [way for way in ways]
     while open_ends:

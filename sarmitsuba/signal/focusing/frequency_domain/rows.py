@@ -435,16 +435,16 @@ class RowsImaging(LinearMap):
 
     def _to_azimuth(self, columns: C64, out: C64) -> None:
         r"""Write :math:`\sum_m c_m e^{j 2 \pi m x / P}` at the azimuth pixels (chirp-z transform) into ``out``."""
-        _along_columns(self._points, columns, out)
+        _write_columns(self._points, columns, out)
 
     def _from_azimuth(self, pixels: C64) -> C64:
         """Adjoint of :meth:`_to_azimuth`."""
         columns = np.empty((self.rows.m.size, pixels.shape[1]), dtype=np.complex64)
-        _along_columns(self._points.adjoint, pixels, columns)
+        _write_columns(self._points.adjoint, pixels, columns)
         return columns
 
 
-def _along_columns(sums: ChirpZ, columns: C64, out: C64) -> None:
+def _write_columns(sums: ChirpZ, columns: C64, out: C64) -> None:
     """Write the sums of every column into ``out``."""
 
     def work(start: int, stop: int) -> None:

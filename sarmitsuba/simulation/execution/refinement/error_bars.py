@@ -203,21 +203,21 @@ def has_subsets(layers: Sequence[Layer]) -> bool:
     return bool(layers) and all(layer.subset in (1, 2) for layer in layers)
 
 
-def with_error_bars(image: SarImage) -> SarImage:
+def add_error_bars(image: SarImage) -> SarImage:
     """The image with ``sampling_error`` in its metadata (by channel, dB).
 
     An estimate from passes is kept. Unchanged where there is none and subsets were not kept.
     """
     passes = image.metadata.get("refinement", {}).get("sampling_error")
     if passes:
-        return replace(image, metadata=_with_sampling_error(image.metadata, passes))
+        return replace(image, metadata=_add_sampling_error(image.metadata, passes))
     if not has_subsets(image.layers):
         return image
     bars = estimate_error(image.data, image.layers, pixels=False)
-    return replace(image, metadata=_with_sampling_error(image.metadata, bars.as_dict()))
+    return replace(image, metadata=_add_sampling_error(image.metadata, bars.as_dict()))
 
 
-def _with_sampling_error(
+def _add_sampling_error(
     metadata: Mapping[str, object], errors: Mapping[str, Mapping[str, object]]
 ) -> dict[str, object]:
     """Metadata with the error bars of an image, in place of those of the echoes also in the witness of the rays."""

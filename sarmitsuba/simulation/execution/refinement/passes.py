@@ -29,11 +29,11 @@ from sarmitsuba.simulation.execution.refinement.error_bars import (
     SUBSETS,
     ErrorBars,
     Source,
+    add_error_bars,
     estimate_error,
     estimate_pass_error,
-    with_error_bars,
 )
-from sarmitsuba.simulation.execution.refinement.running_mean import Passes, PassLayout, by_channel
+from sarmitsuba.simulation.execution.refinement.running_mean import Passes, PassLayout, sum_layers
 from sarmitsuba.simulation.execution.run import Ready, Run
 
 STATE_FILE = "passes.npz"
@@ -177,7 +177,7 @@ def refine(
         if file:
             passes.save(file)
             blocks_of(file).unlink()  # now contained in the pass
-    return _finished(focuser, goal, noisy)
+    return _finish_passes(focuser, goal, noisy)
 
 
 @dataclass(frozen=True)
@@ -246,7 +246,7 @@ class _PassImage:
             return estimate_error(image.data, image.layers, pixels=False)
         channels = channels_of(image.layers)
         changed = self.focus(self._raw(change, tuple(Layer(c) for c in channels)))
-        mean = by_channel(image.data, image.layers)
+        mean = sum_layers(image.data, image.layers)
         return estimate_pass_error(changed.data, mean, channels, self.passes.share)
 
     def _raw_error_db(self) -> float:
@@ -255,7 +255,7 @@ class _PassImage:
         assert passes.data is not None
         if passes.change is None:
             return max(estimate_error(passes.data, passes.layers, pixels=False).error_db)
-        mean = by_channel(passes.data, passes.layers)
+        mean = sum_layers(passes.data, passes.layers)
         channels = channels_of(passes.layers)
         return max(estimate_pass_error(passes.change, mean, channels, passes.share).error_db)
 
@@ -286,7 +286,7 @@ def blocks_of(state: Path) -> Path:
     return state.with_suffix(".blocks")
 
 
-def _finished(focuser: _PassImage, goal: _Goal, noisy: bool) -> Refinement:
+def _finish_passes(focuser: _PassImage, goal: _Goal, noisy: bool) -> Refinement:
     """Raw data and image of all passes, with receiver noise added last."""
     passes, raw = focuser.passes, focuser.raw()
     image = focuser.image or focuser.focus(raw)
@@ -309,7 +309,7 @@ def _finished(focuser: _PassImage, goal: _Goal, noisy: bool) -> Refinement:
         "history": [[round(s, 3), round(e, 3)] for s, e in passes.history],
     }
     raw = replace(raw, metadata={**raw.metadata, "refinement": record})
-    image = with_error_bars(replace(image, metadata={**image.metadata, "refinement": record}))
+    image = add_error_bars(replace(image, metadata={**image.metadata, "refinement": record}))
     return Refinement(raw, image, passes.count, error, met, tuple(passes.history))
 
 

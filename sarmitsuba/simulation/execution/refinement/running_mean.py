@@ -137,7 +137,7 @@ class Passes:
             self.data = raw.data.copy()
         else:
             step = raw.data - self.data
-            self.change = by_channel(step, self.layers)
+            self.change = sum_layers(step, self.layers)
             step *= np.float32(self.share)
             self.data += step
 
@@ -193,7 +193,9 @@ class Passes:
                 found = sorted((info.filename, info.compress_type) for info in file.infolist())
                 if found != sorted((f"{name}.npy", zipfile.ZIP_STORED) for name in _ARRAYS):
                     raise DataError(f"it does not hold {', '.join(_ARRAYS)}, uncompressed")
-                passes = _recorded(_array(file, "record", np.uint8, (None,)).tobytes(), fingerprint, layout)
+                passes = _read_record(
+                    _array(file, "record", np.uint8, (None,)).tobytes(), fingerprint, layout
+                )
                 passes.data = data = _array(file, "data", np.complex64, layout.shape(len(layout.layers)))
                 channels = len(channels_of(layout.layers)) if passes.count > 1 else 0
                 shape = layout.shape(channels) if channels else (0, 0, 0)
@@ -226,7 +228,7 @@ def _array(file: zipfile.ZipFile, name: str, kind: type[G], shape: tuple[int | N
         return np.asarray(npy.read_array(member, allow_pickle=False))
 
 
-def _recorded(text: bytes, fingerprint: str, layout: PassLayout) -> Passes:
+def _read_record(text: bytes, fingerprint: str, layout: PassLayout) -> Passes:
     """Passes without their data, from the file's record; an inconsistent record is refused."""
     record = json_value(text)
     if str(record["fingerprint"]) != fingerprint:
@@ -282,6 +284,6 @@ def _check_values(data: C64, most: float) -> None:
         )
 
 
-def by_channel(data: C64, layers: Sequence[Layer]) -> C64:
+def sum_layers(data: C64, layers: Sequence[Layer]) -> C64:
     """Sum of the layers of every channel, (n_channels, ...)."""
     return np.stack([sum_of_channel(data, layers, c, "passes") for c in channels_of(layers)])

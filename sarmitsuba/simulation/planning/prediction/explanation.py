@@ -9,7 +9,7 @@ from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.plan import Decision, EffectsPlan
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.machine.memory import in_bytes
-from sarmitsuba.scene.ground import with_endless_ground
+from sarmitsuba.scene.ground import continue_ground
 from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.simulation.planning.pilot import plan_scene
 from sarmitsuba.simulation.planning.prediction.both_ways import NOTHING
@@ -128,7 +128,7 @@ def explain(scene: SceneLike, *, predicted: bool = True) -> Explanation:
     scene : as loaded, a scene file, or the name of a shipped scene
     predicted : whether to make the prediction, which traces a part of the run
     """
-    scene = with_endless_ground(Scene.of(scene))
+    scene = continue_ground(Scene.of(scene))
     if predicted:
         return Explanation(scene, *predict(scene, both_ways=True))
     return Explanation(scene, plan_scene(scene), None)

@@ -11,7 +11,7 @@ import numpy as np
 from sarmitsuba.core.arrays import C64
 from sarmitsuba.core.timing import Clock, StageTimer
 from sarmitsuba.effects.plan import EffectsPlan
-from sarmitsuba.scene.ground import with_endless_ground
+from sarmitsuba.scene.ground import continue_ground
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import default_grid, focus
 from sarmitsuba.signal.focusing.focuser import EXACT
@@ -142,7 +142,7 @@ def predict(
     Assumes that all batches cost the same. Ignores reading the scene, writing the results, and passes of rays beyond
     the first.
     """
-    scene = with_endless_ground(scene)
+    scene = continue_ground(scene)
     run = Run(scene, plan=plan, clock=clock)
     seconds, planned, needs = dict(run.timer.seconds), run.plan, run.needs()
     memory = needs.memory
@@ -222,7 +222,7 @@ def _tracing(run: Run, sampling: SamplingPlan, data: C64, clock: Clock) -> _Trac
     def batch() -> Mapping[str, float]:
         nonlocal done, stats
         timer = StageTimer(clock)
-        tracer.timed(timer)
+        tracer.use_timer(timer)
         done, stats = blocks.sample()
         return {stage: timer.seconds.get(stage, 0.0) for stage in ("trace", "synthesise")}
 

@@ -5,7 +5,7 @@ import numpy as np
 from sarmitsuba.core.arrays import F64
 
 
-def clipped(segments: F64, low: F64, high: F64) -> F64:
+def clip_segments(segments: F64, low: F64, high: F64) -> F64:
     """End points (m, 3) of segments (n, 2, 3) clipped to a box, by Liang and Barsky's method."""
     start, step = segments[:, 0], segments[:, 1] - segments[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -32,7 +32,7 @@ def swept(scene: Scene, pulses: tuple[int, int]) -> list[F64]:
     return out
 
 
-def lit(scene: Scene, pulses: tuple[int, int], low: F64, high: F64, middle: F64, axes: F64) -> F64:
+def find_lit_boxes(scene: Scene, pulses: tuple[int, int], low: F64, high: F64, middle: F64, axes: F64) -> F64:
     """Boxes to be lit for moving meshes that appear in a given box of the image.
 
     A mesh appears at its position or displaced by its range rate, :math:`-R v_r / v` along the track, so that a train

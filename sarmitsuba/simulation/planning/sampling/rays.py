@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.simulation.planning.sampling.chains import halved, with_divided_cells
+from sarmitsuba.simulation.planning.sampling.chains import divide_cells, halve_spacing
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.planning.sampling.launch_window import bounding_antennas
-from sarmitsuba.simulation.planning.sampling.small_parts import Shortfall, coarse_corners, with_small_parts
+from sarmitsuba.simulation.planning.sampling.small_parts import Shortfall, add_small_parts, coarse_corners
 from sarmitsuba.tracing.kernel.launch import LaunchGrid
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene
 
@@ -58,10 +58,10 @@ class Rays:
             scene = self.trace_scene
             if movers is not None and time is not None:
                 scene = replace(scene.at(time), triangles=movers.at(time).corners())
-            self._made = (time, self._refined(scene))
+            self._made = (time, self._refine_lattices(scene))
         return self._made[1]
 
-    def _refined(self, scene: TraceScene) -> list[tuple[LaunchGrid, ...]]:
+    def _refine_lattices(self, scene: TraceScene) -> list[tuple[LaunchGrid, ...]]:
         """Plain lattices with finer ones over small parts; the nodes do not depend on the positions of moving parts."""
         track, seed = self.sampling.scene.radar.track, self.sampling.scene.settings.seed & 0x7FFFFFFF
         made, short = [], []
@@ -71,7 +71,7 @@ class Rays:
             for one in grids:
                 pulses, frame = one.pulses or (0, track.n_pulses), one.frame or self.sampling.window.frame
                 antennas = bounding_antennas(track, pulses)
-                grid, missed = with_small_parts(one, scene, frame, antennas, rng)
+                grid, missed = add_small_parts(one, scene, frame, antennas, rng)
                 if one.serves(track.center_index):
                     short += [] if missed is None else [missed]
                     if self.sampling.flags.multi_bounce:
@@ -79,13 +79,13 @@ class Rays:
                 if self.sampling.flags.multi_bounce:
                     radar = self.sampling.scene.radar
                     wavelength = radar.waveform.wavelength
-                    grid, missed = with_divided_cells(
+                    grid, missed = divide_cells(
                         grid, scene, frame, antennas, wavelength, self.max_depth, radar.antenna
                     )
                     if missed is not None and one.serves(track.center_index):
                         short.append(missed)
                 for _ in range(self.sampling.halvings if grid.purpose != "diffuse" else 0):
-                    grid = halved(grid)
+                    grid = halve_spacing(grid)
                 finer.append(grid)
             made.append(tuple(grid for grid in finer if grid.n_rays))
         self.shortfalls = tuple(short)

@@ -77,7 +77,7 @@ class Shortfall:
 SERVED_DB = -10.0
 
 
-def with_small_parts(
+def add_small_parts(
     grid: LaunchGrid, scene: TraceScene, frame: LaunchFrame, antennas: F64, rng: np.random.Generator
 ) -> tuple[LaunchGrid, Shortfall | None]:
     """Plain lattice with finer levels, each of half the spacing, over the parts of the scene that need them.
@@ -113,7 +113,7 @@ def with_small_parts(
         return grid, short
     plain = ((grid.x, grid.y), (grid.spacing, (grid.spacing * (1.0 - 1e-6), np.inf)))
     rays, levels = zip(plain, *finer, strict=True)
-    return _joined(grid, rays, levels), short
+    return _join_levels(grid, rays, levels), short
 
 
 def coarse_corners(
@@ -123,7 +123,7 @@ def coarse_corners(
 
     Parameters
     ----------
-    grid, frame, antennas : as for :func:`with_small_parts`, with the finer levels
+    grid, frame, antennas : as for :func:`add_small_parts`, with the finer levels
     """
     if grid.purpose == "diffuse" or not np.isfinite(scene.corner_needs).any():
         return ()
@@ -145,13 +145,13 @@ def coarse_corners(
 def expected_finer_rays(
     grid: LaunchGrid, n_rays: int, scene: TraceScene, frame: LaunchFrame, antennas: F64
 ) -> int:
-    """Estimated number of rays that :func:`with_small_parts` adds, from lattices ``SPARSE`` times as wide.
+    """Estimated number of rays that :func:`add_small_parts` adds, from lattices ``SPARSE`` times as wide.
 
     Parameters
     ----------
     grid : plain lattice, without its rays
     n_rays : of the plain lattice
-    scene, frame, antennas : as for :func:`with_small_parts`
+    scene, frame, antennas : as for :func:`add_small_parts`
     """
     need = _needs(grid.purpose, scene)
     level = _levels(need, grid.spacing)
@@ -242,7 +242,7 @@ class _Layout:
         return x[order].astype(np.float32), y[order].astype(np.float32)
 
 
-def _joined(
+def _join_levels(
     grid: LaunchGrid,
     rays: Sequence[Nodes],
     levels: Sequence[Density],

@@ -46,12 +46,12 @@ class TubeExtent:
 NOWHERE = 1e3
 
 
-def unlimited() -> TubeExtent:
+def make_unlimited() -> TubeExtent:
     """Extent of a tube before the first hit."""
     return TubeExtent(*(mi.Float(x) for x in (NOWHERE, 0.0) * 4))
 
 
-def limited(
+def limit_extent(
     extent: TubeExtent, edges: Sequence[mi.Vector4f], point: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f
 ) -> TubeExtent:
     """Extent of a tube, intersected with the boundary edges of the facet that was hit.
