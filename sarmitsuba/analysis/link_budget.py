@@ -27,7 +27,7 @@ from sarmitsuba.core.constants import DEFAULT_WINDOW, SPEED_OF_LIGHT
 from sarmitsuba.core.errors import RadarError
 from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.machine.exclusive import exclusive
-from sarmitsuba.machine.memory import in_bytes
+from sarmitsuba.machine.memory import format_bytes
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.link_budget import nesz
 from sarmitsuba.radar.pattern import PATTERNS, SINC_HALF_POWER
@@ -640,7 +640,7 @@ def _table(budget: LinkBudget) -> str:
         ("free prf", _bands(t.free_prf, t.prf)),
         (
             "raw data",
-            f"{budget.data.samples:.4g} samples, {in_bytes(budget.data.bytes)}, {in_bytes(budget.data.rate)}/s for "
+            f"{budget.data.samples:.4g} samples, {format_bytes(budget.data.bytes)}, {format_bytes(budget.data.rate)}/s for "
             f"{budget.data.seconds:.3g} s",
         ),
     ]

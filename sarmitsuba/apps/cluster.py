@@ -31,7 +31,7 @@ from distributed import Worker, WorkerPlugin, get_worker
 from sarmitsuba.core.errors import ClusterError
 from sarmitsuba.core.registry import load_extension
 from sarmitsuba.machine.backend import dr, ensure_backend
-from sarmitsuba.machine.memory import in_bytes
+from sarmitsuba.machine.memory import format_bytes
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.aperture_weights import matched_weights
@@ -454,7 +454,7 @@ class ClusterPlan:
         """One line."""
         return (
             f"on {self.workers} workers like this machine: {duration(self.seconds)}, of which "
-            f"{duration(self.moving_seconds)} for {in_bytes(round(self.moved_bytes))} of traffic at "
+            f"{duration(self.moving_seconds)} for {format_bytes(round(self.moved_bytes))} of traffic at "
             f"{8e-9 * self.bytes_per_second:g} Gbit/s; "
             f"{self.worker_hours:.3g} worker hours, {100.0 * self.efficiency:.0f} % of them busy"
         )

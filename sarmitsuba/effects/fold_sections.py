@@ -745,7 +745,7 @@ def fold_error(
                     spread[alike] = _spread_waves(folds, alike, wavelength, edges=edges)
                 amplitude[:, left] = spread[alike].at(azimuth[left, row], float(folds.width[row].sum()))
         size = np.minimum(folds.length[row], 1.0 / np.maximum(k * np.abs(lean[:, row]), 1e-12))
-        returned = [_in_channel(amplitude, directions, folds.along[row], c) for c in channels]
+        returned = [_project_channel(amplitude, directions, folds.along[row], c) for c in channels]
         part = 2.0 / wavelength * np.square(size * np.abs(returned)).T
         energy += part
         if part.sum() > most:
@@ -808,7 +808,7 @@ def _spread_waves(folds: Folds, row: int, wavelength: float, *, edges: bool) -> 
     return _SpreadWaves(np.mean(turned, axis=0), float(width.sum()), angle)
 
 
-def _in_channel(amplitude: C128, directions: F64, along: F64, channel: str) -> C128:
+def _project_channel(amplitude: C128, directions: F64, along: F64, channel: str) -> C128:
     """Amplitude (m,) of a channel from those with the field along a line and across it (2, m)."""
     vectors = dict(zip("HV", polarisation_vectors(directions), strict=True))
     lean = directions @ along

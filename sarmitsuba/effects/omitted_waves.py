@@ -390,7 +390,7 @@ def omitted_energy(
         shown = np.where(lit, 1.0, law.dark)
         straight = np.stack([soft_share(s, c, lines.along, lean) for c in channels], axis=2)
         # a field across a sheet drives no current in it
-        driven = np.stack([_in_sheet(s, c, lines.sheet) for c in channels], axis=2)
+        driven = np.stack([_weigh_by_sheet(s, c, lines.sheet) for c in channels], axis=2)
         # curved edges and ends turn the polarisation
         mixed = (1.0 - law.mixed) * straight + law.mixed * straight.mean(axis=2, keepdims=True)
         for name, (hard_d, soft_d, hard_tip, soft_tip) in weights.items():
@@ -453,7 +453,7 @@ def _weights(lines: MetalLines, k: float, waves: SimulatedWaves) -> dict[str, tu
     return found
 
 
-def _in_sheet(directions: F64, channel: str, sheet: F64) -> F64:
+def _weigh_by_sheet(directions: F64, channel: str, sheet: F64) -> F64:
     """(n_directions, n) factor of a channel's energy: from 0 where the field is across the sheet of a rim, to 1."""
     vectors = dict(zip("HV", polarisation_vectors(directions), strict=True))
     shares = []

@@ -20,7 +20,13 @@ from sarmitsuba.machine.isolated import survive
 from sarmitsuba.machine.regular_files import check_regular, check_unpacked
 from sarmitsuba.scene.materials.map_materials import vary_material
 from sarmitsuba.scene.materials.material import ClassMap, Material, SurfaceMaps
-from sarmitsuba.scene.materials.texture import ATTRIBUTE_TEXELS, Bitmap, Placement, in_plan, place_on_mesh
+from sarmitsuba.scene.materials.texture import (
+    ATTRIBUTE_TEXELS,
+    Bitmap,
+    Placement,
+    place_in_plan,
+    place_on_mesh,
+)
 
 T = TypeVar("T")
 # of ``radar_material`` and of ``land_cover``
@@ -268,7 +274,7 @@ def _place_pixels(
     placement = (
         place_on_mesh(("uv",), transform)
         if extent is None
-        else _make_at_element(texture, lambda: in_plan(extent, transform))
+        else _make_at_element(texture, lambda: place_in_plan(extent, transform))
     )
     return Bitmap(values, placement, repeat=wrap == "repeat", smooth=kind == "bilinear")
 

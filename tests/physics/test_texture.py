@@ -12,7 +12,7 @@ from sarmitsuba.machine.backend import dr
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.materials.material import ClassMap, Material, SurfaceMaps
-from sarmitsuba.scene.materials.texture import Bitmap, in_plan, place_on_mesh
+from sarmitsuba.scene.materials.texture import Bitmap, place_in_plan, place_on_mesh
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.signal.image import SarImage
 from tests.support.unweighted import render
@@ -63,7 +63,7 @@ def chessboard(*materials: Material, placement: Any = None) -> Material:
     """Squares of 6 m of some materials."""
     bitmap = Bitmap(
         np.add.outer(np.arange(8), np.arange(8)) % len(materials),
-        placement or in_plan((-SIZE, -SIZE, SIZE, SIZE)),
+        placement or place_in_plan((-SIZE, -SIZE, SIZE, SIZE)),
     )
     return replace(materials[0], name="board", maps=SurfaceMaps(classes=ClassMap(bitmap, materials)))
 
@@ -94,7 +94,7 @@ def looks(image: SarImage, edge: float, origin: F64 | None = None) -> F64:
 
 def test_off_is_off() -> None:
     plain, kernels = run(scene_of(SOIL))
-    level = Bitmap(np.array([[0.1, 2.0]]), in_plan((-SIZE, -SIZE, SIZE, SIZE)))
+    level = Bitmap(np.array([[0.1, 2.0]]), place_in_plan((-SIZE, -SIZE, SIZE, SIZE)))
     textured = replace(SOIL, texture_shape=2.0, texture_length=3.0, maps=SurfaceMaps(level=level))
     data, same = run(scene_of(textured).replace(texture="off"))
     assert np.array_equal(data, plain) and same == kernels
@@ -135,7 +135,7 @@ def test_texture_coordinates_and_plan_are_two_ways_to_say_one_place() -> None:
     values = 10.0 ** np.random.default_rng(5).uniform(-1.0, 1.0, (7, 9))
     data = []
     for placement, attributes in (
-        (in_plan((-SIZE, -SIZE, SIZE, SIZE), to_uv), {}),
+        (place_in_plan((-SIZE, -SIZE, SIZE, SIZE), to_uv), {}),
         (place_on_mesh(("uv",)), {"uv": uv[:, :2]}),
     ):
         level = Bitmap(values, placement, repeat=True, smooth=True)
@@ -177,13 +177,13 @@ def test_the_texture_is_the_scenes_whatever_the_heading(method: Any) -> None:
 
 
 def test_raster_draws_maps_of_level_and_material() -> None:
-    level = Bitmap(np.array([[0.25, 1.0], [2.0, 4.0]]), in_plan((-SIZE, -SIZE, SIZE, SIZE)))
+    level = Bitmap(np.array([[0.25, 1.0], [2.0, 4.0]]), place_in_plan((-SIZE, -SIZE, SIZE, SIZE)))
     settings = TraceSettings(method="raster", effects={"speckle": "off"})
     images = []
     for material in (
         SOIL,
         replace(SOIL, maps=SurfaceMaps(level=level)),
-        chessboard(SOIL, FIELD, placement=in_plan((-96.0, -96.0, 96.0, 96.0))),
+        chessboard(SOIL, FIELD, placement=place_in_plan((-96.0, -96.0, 96.0, 96.0))),
     ):
         scene = build_scene([SceneMesh(square(), FACES, material)], radar=RADAR, film=FILM, settings=settings)
         images.append(render(scene, range_window="taylor", azimuth_window="taylor").sigma0())

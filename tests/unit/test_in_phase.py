@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.simulation.execution.in_phase import PatchReturns, azimuth_bin, in_phase_power
+from sarmitsuba.simulation.execution.in_phase import PatchReturns, azimuth_bin, measure_in_phase
 
 LENGTH, BIN = 12.0, 1.5
 
@@ -20,7 +20,7 @@ def line(rng: np.random.Generator, n: int, phases: float) -> PatchReturns:
 @pytest.mark.parametrize("phases", [0.0, 1.0])
 def test_mean_and_error_over_draws(phases: float) -> None:
     rng = np.random.default_rng(5)
-    draws = [in_phase_power(line(rng, 60, phases)) for _ in range(400)]
+    draws = [measure_in_phase(line(rng, 60, phases)) for _ in range(400)]
     mean, error = np.array([m[0] for m, _ in draws]), np.sqrt([v[0] for _, v in draws])
     # of a triangle of half width b and its integral over a line of length L
     exact = 7.0 * 9.0 * (BIN / LENGTH - BIN**2 / (3.0 * LENGTH**2)) * (phases == 0.0)
@@ -34,9 +34,9 @@ def test_mean_and_error_over_draws(phases: float) -> None:
 def test_bins_apart_have_no_pairs() -> None:
     returns = line(np.random.default_rng(1), 2, 0.0)
     returns.range_rate[:, 0] = 0.0, 2.0 * BIN
-    assert in_phase_power(returns)[0][0] == 0.0
+    assert measure_in_phase(returns)[0][0] == 0.0
     returns.range_rate[:, 0] = 0.1, 0.1
-    assert in_phase_power(returns)[0][0] == pytest.approx(7.0 * 9.0)
+    assert measure_in_phase(returns)[0][0] == pytest.approx(7.0 * 9.0)
 
 
 def test_bins_along_azimuth() -> None:

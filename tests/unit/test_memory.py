@@ -46,7 +46,7 @@ def test_this_process_holds_what_it_allocates() -> None:
     ("value", "text"), [(1.5e3, "1.5 kB"), (2e6, "2 MB"), (1.234e9, "1.23 GB"), (4e15, "4000 TB")]
 )
 def test_bytes_for_people(value: float, text: str) -> None:
-    assert memory.in_bytes(value) == text
+    assert memory.format_bytes(value) == text
 
 
 HEAPS = """

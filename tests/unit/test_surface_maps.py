@@ -19,7 +19,7 @@ from sarmitsuba.scene.materials.map_materials import (
     vary_material,
 )
 from sarmitsuba.scene.materials.material import ClassMap, Material, SurfaceMaps
-from sarmitsuba.scene.materials.texture import Bitmap, in_plan, place_on_mesh
+from sarmitsuba.scene.materials.texture import Bitmap, place_in_plan, place_on_mesh
 
 GREY = np.array([[0, 51, 255], [102, 51, 51]], dtype=np.uint8)
 LAW = '<string name="diffuse_law" value="constant"/>'
@@ -350,7 +350,7 @@ def test_maps_of_a_loaded_mitsuba_scene_are_refused(tmp_path: Path) -> None:
 
 def test_maps_of_materials_are_checked() -> None:
     own = Material("soil", permittivity=9.0 - 1.0j)
-    plan = in_plan((0.0, 0.0, 1.0, 1.0))
+    plan = place_in_plan((0.0, 0.0, 1.0, 1.0))
     with pytest.raises(SceneError, match="holds numbers from 0 to 0"):
         ClassMap(Bitmap(np.ones((1, 1)), plan), (own,))
     with pytest.raises(SceneError, match="below 0 or no finite number"):

@@ -234,7 +234,17 @@ def _work(pipe: "multiprocessing.connection.Connection", drawer: Drawer, extensi
         return
     except (SarmitsubaError, MemoryError) as error:
         pipe.send(error)
-    except Exception:  # the program's own: the parent shows where
+    except (
+        ArithmeticError,
+        AssertionError,
+        AttributeError,
+        ImportError,
+        LookupError,
+        OSError,
+        RuntimeError,
+        TypeError,
+        ValueError,
+    ):  # the program's own: the parent shows where
         pipe.send(RuntimeError(traceback.format_exc()))
 
 

@@ -77,7 +77,7 @@ class Placement:
         return replace(self, matrix=matrix)
 
 
-def in_plan(extent: Sequence[float], transform: ArrayLike | None = None) -> "Placement":
+def place_in_plan(extent: Sequence[float], transform: ArrayLike | None = None) -> "Placement":
     """Placement of a bitmap over the scene in plan view, its first row along the northern edge.
 
     Parameters

@@ -31,7 +31,7 @@ def facet_sagitta(corners: F64, group: I32 | I64) -> F64:
     Facets of one plane are one. Planes that bend towards fewer than two others of their group, such as the slopes of
     a flat roof, are no part of a curved surface.
     """
-    bent = _in_bent_groups(corners, group)
+    bent = _find_bent_groups(corners, group)
     if not bent.all():
         out = np.zeros(len(corners))
         if bent.any():
@@ -57,7 +57,7 @@ def facet_sagitta(corners: F64, group: I32 | I64) -> F64:
     return np.where(curved, np.linalg.norm(rise, axis=2).max(axis=1), 0.0)
 
 
-def _in_bent_groups(corners: F64, group: I32 | I64) -> NDArray[np.bool_]:
+def _find_bent_groups(corners: F64, group: I32 | I64) -> NDArray[np.bool_]:
     """Whether the facets of each one's group have different normals."""
     if not len(corners):
         return np.zeros(0, dtype=bool)

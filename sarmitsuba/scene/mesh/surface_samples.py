@@ -68,7 +68,7 @@ def surface_samples(triangles: F64, cell: float, box: F64, seed: int) -> Surface
     if total > CHUNK:
         ends = [*(np.searchsorted(np.cumsum(cells), np.arange(CHUNK, total, CHUNK)) + 1), len(cells)]
     parts = [
-        _in_cells(flat, start, cells[start:stop], first, count, cell, seed)
+        _sample_cells(flat, start, cells[start:stop], first, count, cell, seed)
         for start, stop in zip([0, *ends[:-1]], ends, strict=True)
     ]
     face, point, key = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -142,7 +142,7 @@ class _Flattened:
         return np.maximum(low, np.take(box[0], self.axes)), np.minimum(high, np.take(box[1], self.axes))
 
 
-def _in_cells(
+def _sample_cells(
     flat: _Flattened,
     start: int,
     cells: I64,

@@ -92,7 +92,9 @@ def add_noise(raw: RawData, seed: int = 0, days: float = 0.0) -> RawData:
         for start in range(0, n_pulses, step):
             shape = (min(step, n_pulses - start), n_fast)
             noise = (
-                _white(rng, shape, power) if raw.domain == "chirped" else _in_band(rng, shape, power, radar)
+                _white(rng, shape, power)
+                if raw.domain == "chirped"
+                else _draw_in_band(rng, shape, power, radar)
             )
             for i in targets:
                 data[i, start : start + shape[0]] += noise * np.float32(SUBSET_SHARES[raw.layers[i].subset])
@@ -106,7 +108,7 @@ def _white(rng: np.random.Generator, shape: tuple[int, int], power: float) -> C6
     return np.asarray(pair.view(np.complex64)[..., 0])
 
 
-def _in_band(rng: np.random.Generator, shape: tuple[int, int], power: float, radar: Radar) -> C64:
+def _draw_in_band(rng: np.random.Generator, shape: tuple[int, int], power: float, radar: Radar) -> C64:
     """Circular complex Gaussian of mean power ``power``, flat over the band B and zero outside."""
     n_fft = int(scipy.fft.next_fast_len(shape[1] + 32))  # avoids correlation of both ends by periodicity
     share = radar.waveform.bandwidth / radar.window.sampling_rate

@@ -250,14 +250,14 @@ def solve_currents(
         found.append(scattering_matrices(mesh, wave, directions, fields, solved))
     turn = np.exp(-4j * np.pi / wave * (directions @ target.reference))[:, None]
     fine_one = found[1]
-    rough_part, amplitude = (turn * _in_channels(s.matrices, channels) for s in found)
+    rough_part, amplitude = (turn * _pick_channels(s.matrices, channels) for s in found)
     if not (all_finite(rough_part) and all_finite(amplitude)):
         return _give_reason("its equations have no single solution", asked)
     # currents at edges make the error fall as the length
     share = 1.0 / max(rough.rms_edge / fine.rms_edge - 1.0, 1e-3)
     by_mesh = np.square(share) * np.square(np.abs(amplitude - rough_part))
-    rest = np.square(np.abs(_in_channels(fine_one.losses, channels)))
-    rest += np.square(np.abs(_in_channels(fine_one.residual.astype(np.complex128), channels)))
+    rest = np.square(np.abs(_pick_channels(fine_one.losses, channels)))
+    rest += np.square(np.abs(_pick_channels(fine_one.residual.astype(np.complex128), channels)))
     witness = Witness.from_weighted(
         (by_mesh + rest).sum(axis=1),
         np.square(np.abs(amplitude)).sum(axis=1),
@@ -291,7 +291,7 @@ def _coarser(whole: WholeSurface, fine: BodyMesh) -> BodyMesh:
     return mesh
 
 
-def _in_channels(matrices: C128, channels: tuple[str, ...]) -> C128:
+def _pick_channels(matrices: C128, channels: tuple[str, ...]) -> C128:
     """Amplitudes (n, n_channels) from [direction, received, sent], H first."""
     return np.stack([_channel(matrices, c) for c in channels], axis=1)
 

@@ -22,7 +22,7 @@ from sarmitsuba.effects.plan import EffectsPlan, plan_effects
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.execution.in_phase import in_phase_power
+from sarmitsuba.simulation.execution.in_phase import measure_in_phase
 from sarmitsuba.simulation.planning.pilot_patches import (
     CHANNELS,
     SIDE,
@@ -209,7 +209,8 @@ def run_pilot(
     power = np.concatenate([echo.power for echo in echoes], axis=1)  # (4, patches, orders)
     incident = np.concatenate([echo.incident for echo in echoes])
     adding, spread = (
-        np.sum(sums, axis=0) for sums in zip(*(in_phase_power(echo.returns) for echo in echoes), strict=True)
+        np.sum(sums, axis=0)
+        for sums in zip(*(measure_in_phase(echo.returns) for echo in echoes), strict=True)
     )
     rays, count = power.shape[1] * SIDE**2, int(random.sum())
     traced = PilotResult(

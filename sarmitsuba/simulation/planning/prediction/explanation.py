@@ -8,7 +8,7 @@ import numpy as np
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.plan import Decision, EffectsPlan
 from sarmitsuba.machine.exclusive import exclusive
-from sarmitsuba.machine.memory import in_bytes
+from sarmitsuba.machine.memory import format_bytes
 from sarmitsuba.scene.ground import continue_ground
 from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.simulation.planning.pilot import plan_scene
@@ -138,7 +138,7 @@ def _prediction_text(prediction: Prediction) -> str:
     stages = ", ".join(f"{stage} {duration(s)}" for stage, s in prediction.seconds.items())
     rates = "measured here on a part of it" if prediction.measured else "law"
     text = (
-        f"predicted: {duration(prediction.total)} ({stages}; {rates}), {in_bytes(prediction.memory)} of memory; "
+        f"predicted: {duration(prediction.total)} ({stages}; {rates}), {format_bytes(prediction.memory)} of memory; "
         f"{prediction.rays / 1e6:.3g} million rays at {prediction.key_pulses} key pulses, "
         f"{prediction.pixels / 1e6:.3g} million pixels"
     )

@@ -15,7 +15,7 @@ from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.machine.backend import device_array, dr, mi
 from sarmitsuba.scene.materials.map_materials import vary_material
 from sarmitsuba.scene.materials.material import ClassMap, Material, SurfaceMaps
-from sarmitsuba.scene.materials.texture import Bitmap, in_plan
+from sarmitsuba.scene.materials.texture import Bitmap, place_in_plan
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.signal.image import SarImage
@@ -275,7 +275,7 @@ def surface_maps(quick: bool = False) -> Case:
         half = 0.5 * n_cells * CELL
         scene = _ground(n_cells, heading_deg=heading)
         own, even = scene.materials[0], _image(scene).sigma0()
-        bitmap = Bitmap(power_from_db(asked), in_plan((-half, -half, half, half), _rotate_bitmap(turn)))
+        bitmap = Bitmap(power_from_db(asked), place_in_plan((-half, -half, half, half), _rotate_bitmap(turn)))
         mapped = replace(own, maps=SurfaceMaps(level=bitmap))
         image = _image(replace(scene, materials=(mapped,)))
         place = _places(image, half, turn)
