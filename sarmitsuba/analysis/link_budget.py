@@ -640,8 +640,8 @@ def _table(budget: LinkBudget) -> str:
         ("free prf", _bands(t.free_prf, t.prf)),
         (
             "raw data",
-            f"{budget.data.samples:.4g} samples, {format_bytes(budget.data.bytes)}, {format_bytes(budget.data.rate)}/s for "
-            f"{budget.data.seconds:.3g} s",
+            f"{budget.data.samples:.4g} samples, {format_bytes(budget.data.bytes)}, {format_bytes(budget.data.rate)}/s "
+            f"for {budget.data.seconds:.3g} s",
         ),
     ]
     width = max(len(name) for name, _ in (*radar, *pulses, *((label, "") for label, _ in _ROWS)))
