@@ -28,7 +28,7 @@ from sarmitsuba.loading.load import load_scene
 from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.scene.mesh import metal_corners
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.execution.batches import build_geometry
+from sarmitsuba.simulation.execution.tracing import build_geometry
 from sarmitsuba.simulation.execution.refinement.error_bars import estimate_pass_error
 from sarmitsuba.simulation.execution.render import render
 from sarmitsuba.simulation.execution.run import Run

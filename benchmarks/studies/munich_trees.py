@@ -26,7 +26,7 @@ from sarmitsuba.loading.library import resolve_radar
 from sarmitsuba.machine.backend import ensure_backend, mi
 from sarmitsuba.scene.materials.vegetation.canopy import CANOPIES
 from sarmitsuba.scene.mesh.tessellate import sphere
-from sarmitsuba.simulation.execution.batches import build_geometry
+from sarmitsuba.simulation.execution.tracing import build_geometry
 from sarmitsuba.tracing.scatterers.volumes.kind import Volume
 from sarmitsuba.view.quicklook import draw
 

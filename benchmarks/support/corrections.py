@@ -16,7 +16,7 @@ from sarmitsuba.core.timing import StageTimer
 from sarmitsuba.machine.backend import mi
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.raw.block import BlockPlan, plan_block
-from sarmitsuba.simulation.execution.pulses import AntennaStates
+from sarmitsuba.simulation.execution.tracing import AntennaStates
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.tracing import Tracer
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan

@@ -40,7 +40,7 @@ from sarmitsuba.signal.focusing.focusers.backprojection import Backprojection
 from sarmitsuba.signal.focusing.pixel_tiles import TILE_PIXELS, Tiles
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.raw.threads import n_threads
-from sarmitsuba.simulation.execution.batches import Batch, BatchTracer, Traced, TraceJob
+from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, Traced, TraceJob
 from sarmitsuba.simulation.planning.prediction.needs import duration
 from sarmitsuba.simulation.planning.prediction.prediction import Prediction
 from sarmitsuba.version import __version__
@@ -123,7 +123,7 @@ Result = TypeVar("Result")
 
 
 class DaskWorkers:
-    """Workers of a Dask cluster; see :class:`sarmitsuba.simulation.execution.batches.Workers`.
+    """Workers of a Dask cluster; see :class:`sarmitsuba.simulation.execution.tracing.Workers`.
 
     Parameters
     ----------

@@ -22,7 +22,8 @@ from sarmitsuba.loading.load import load_scene
 from sarmitsuba.machine.output import MANIFEST, OutputFolder, output_folder
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.raw.raw_data import RawData
-from sarmitsuba.simulation.execution import batches, tracing, witnesses
+from sarmitsuba.simulation.execution import tracing, witnesses
+from sarmitsuba.simulation.execution import tracing as batches
 from sarmitsuba.simulation.execution.blocks import Blocks
 from sarmitsuba.simulation.execution.render import simulate
 from tests.support.unweighted import refine

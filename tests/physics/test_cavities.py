@@ -10,7 +10,7 @@ from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.execution.batches import Batch
+from sarmitsuba.simulation.execution.tracing import Batch
 from sarmitsuba.simulation.execution.blocks import Blocks
 from sarmitsuba.simulation.execution.rcs import BouncesLeft, monostatic_rcs
 from sarmitsuba.simulation.execution.run import Run

@@ -11,7 +11,7 @@ from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.machine.backend import dr, ensure_backend, mi
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.simulation.execution import run, tracing
-from sarmitsuba.simulation.execution.batches import build_geometry
+from sarmitsuba.simulation.execution.tracing import build_geometry
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.leg import Leg
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene

@@ -65,7 +65,7 @@ def test_blocks_are_held_against_pulses_traced_one_by_one() -> None:
 
 def test_an_error_alike_on_both_sides_of_a_boundary_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """A planted error that grows with the square of the time from the key pulse: where blocks meet, it cancels."""
-    from sarmitsuba.simulation.execution.pulses import KeyPulse
+    from sarmitsuba.simulation.execution.tracing import KeyPulse
 
     made = KeyPulse.profiles
 

@@ -25,7 +25,7 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
-from sarmitsuba.simulation.execution.batches import Batch, BatchTracer, build_geometry
+from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, build_geometry
 from sarmitsuba.simulation.execution.blocks import Blocks
 from sarmitsuba.simulation.execution.metadata import raw_metadata
 from sarmitsuba.simulation.execution.run import Run

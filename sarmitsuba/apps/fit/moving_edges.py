@@ -14,8 +14,8 @@ from sarmitsuba.apps.fit.edge_sight import EdgeSight
 from sarmitsuba.apps.fit.mirror_facets import MirrorFacets
 from sarmitsuba.core.arrays import C64, F32, F64, I64, U32
 from sarmitsuba.scene.mesh.facet_edges import FacetEdges
-from sarmitsuba.simulation.execution.batches import Batch, BatchTracer, Traced
-from sarmitsuba.simulation.execution.pulses import EveryPulse, KeyPulse, Pulses
+from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, Traced
+from sarmitsuba.simulation.execution.tracing import EveryPulse, KeyPulse, Pulses
 from sarmitsuba.tracing.derivatives.tangents import Tangents
 from sarmitsuba.tracing.kernel.launch import EdgeSamples, LatticeLevel, LaunchFrame, LaunchGrid, project
 from sarmitsuba.tracing.scatterers.edges.edge_state import SHADOWED

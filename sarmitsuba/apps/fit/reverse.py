@@ -27,8 +27,8 @@ from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.signal.raw.raw_data import RawData
-from sarmitsuba.simulation.execution.batches import Batch, BatchTracer, Traced
-from sarmitsuba.simulation.execution.pulses import EveryPulse, KeyPulse, Pulses
+from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, Traced
+from sarmitsuba.simulation.execution.tracing import EveryPulse, KeyPulse, Pulses
 from sarmitsuba.tracing.derivatives.adjoint_grids import AdjointGrids, GradientSum
 from sarmitsuba.tracing.derivatives.tangent_slots import MovingShapes, SlotTangents
 

@@ -9,8 +9,8 @@ import numpy as np
 from sarmitsuba.core.arrays import C64, C128, F64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.signal.raw.sub_bands import RangeFilter
-from sarmitsuba.simulation.execution.batches import BatchTracer
-from sarmitsuba.simulation.execution.pulses import KeyPulse, Pulses
+from sarmitsuba.simulation.execution.tracing import BatchTracer
+from sarmitsuba.simulation.execution.tracing import KeyPulse, Pulses
 from sarmitsuba.tracing.derivatives.tangents import Tangents
 
 

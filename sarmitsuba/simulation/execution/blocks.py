@@ -20,7 +20,7 @@ from sarmitsuba.core.constants import SUBSET_SHARES
 from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.signal.raw.raw_data import Layer
-from sarmitsuba.simulation.execution.batches import Batch, BatchTracer, Traced
+from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, Traced
 from sarmitsuba.simulation.execution.finished import FinishedBlocks
 from sarmitsuba.simulation.execution.ray_witness import witness_rays
 from sarmitsuba.simulation.execution.refinement.error_bars import estimate_error, has_subsets

@@ -27,7 +27,7 @@ from sarmitsuba.simulation.execution.metadata import image_metadata
 from sarmitsuba.simulation.execution.point_legs import PointLegs, build_legs, takes_part
 from sarmitsuba.simulation.execution.point_taps import PointTaps, point_taps
 from sarmitsuba.simulation.execution.points import PointEcho
-from sarmitsuba.simulation.execution.pulses import AntennaStates
+from sarmitsuba.simulation.execution.tracing import AntennaStates
 from sarmitsuba.simulation.execution.raster import Raster
 from sarmitsuba.simulation.execution.ray_witness import halved_plan, say_rays, witness_rays
 from sarmitsuba.simulation.execution.refinement.error_bars import estimate_error, has_subsets

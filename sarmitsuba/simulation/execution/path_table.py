@@ -18,7 +18,7 @@ from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.simulation.execution.blame import blame_stages, check_traced
 from sarmitsuba.simulation.execution.points import point_echo, point_history
-from sarmitsuba.simulation.execution.pulses import AntennaStates
+from sarmitsuba.simulation.execution.tracing import AntennaStates
 from sarmitsuba.simulation.execution.recording import Gate, Recording, Rows
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.tracing import Tracer

@@ -24,7 +24,7 @@ from sarmitsuba.signal.focusing.focuser import DEFAULT, Focuser
 from sarmitsuba.signal.focusing.windows import Window
 from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw.raw_data import RawData
-from sarmitsuba.simulation.execution.batches import Workers
+from sarmitsuba.simulation.execution.tracing import Workers
 from sarmitsuba.simulation.execution.fingerprint import fingerprint
 from sarmitsuba.simulation.execution.finished import FinishedBlocks
 from sarmitsuba.simulation.execution.image import Imager

@@ -15,7 +15,7 @@ from sarmitsuba.machine.exclusive import take_threads
 from sarmitsuba.scene.ground import continue_ground
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.simulation.execution.batches import TraceJob, Workers, build_geometry
+from sarmitsuba.simulation.execution.tracing import TraceJob, Workers, build_geometry
 from sarmitsuba.simulation.execution.finished import FinishedBlocks
 from sarmitsuba.simulation.execution.layers import LayerPlan
 from sarmitsuba.simulation.execution.statistics import SamplingReport, TraceStatistics

@@ -24,7 +24,7 @@ from sarmitsuba.core.witness import Witness
 from sarmitsuba.effects.effect import EFFECTS
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.signal.raw.raw_data import Layer
-from sarmitsuba.simulation.execution.batches import Batch, BatchTracer
+from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer
 from sarmitsuba.simulation.execution.blocks import BOUNDARY_SCATTER_DB, EMPTY_DB, Blocks, partition, strip
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.statistics import TraceStatistics

@@ -16,7 +16,7 @@ from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.radar.polarisation import linear_letters
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.simulation.execution.in_phase import PatchReturns, azimuth_bin
-from sarmitsuba.simulation.execution.pulses import AntennaStates
+from sarmitsuba.simulation.execution.tracing import AntennaStates
 from sarmitsuba.simulation.execution.tracing import polarisation_up, pulse_batch
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.tracing.kernel.accumulators import phase_factor

@@ -20,7 +20,7 @@ from sarmitsuba.signal.focusing import default_grid, focus
 from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw.noise import add_noise
 from sarmitsuba.signal.raw.raw_data import Layer, RawData, channels_of
-from sarmitsuba.simulation.execution.batches import Workers
+from sarmitsuba.simulation.execution.tracing import Workers
 from sarmitsuba.simulation.execution.fingerprint import fingerprint
 from sarmitsuba.simulation.execution.finished import FinishedBlocks
 from sarmitsuba.simulation.execution.raw import echoes

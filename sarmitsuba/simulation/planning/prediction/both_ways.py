@@ -26,7 +26,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import default_grid, focus
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
-from sarmitsuba.simulation.execution.batches import Batch, BatchTracer
+from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer
 from sarmitsuba.simulation.execution.blocks import partition
 from sarmitsuba.simulation.execution.points import add_points
 from sarmitsuba.simulation.execution.render import simulate
