@@ -19,7 +19,7 @@ from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.focusing.look import adjoint_cells, form_image
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.simulation.execution.image import Imager
-from sarmitsuba.simulation.execution.point_taps import point_taps
+from sarmitsuba.simulation.execution.points import point_taps
 from sarmitsuba.simulation.execution.tracing import AntennaStates
 from sarmitsuba.simulation.execution.recording import Recording
 from sarmitsuba.simulation.execution.run import Run

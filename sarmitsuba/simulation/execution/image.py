@@ -24,8 +24,8 @@ from sarmitsuba.signal.raw.raw_data import Layer
 from sarmitsuba.signal.raw.sub_bands import RangeFilter, SubBands
 from sarmitsuba.simulation.execution.blame import check_traced
 from sarmitsuba.simulation.execution.metadata import image_metadata
-from sarmitsuba.simulation.execution.point_legs import PointLegs, build_legs, takes_part
-from sarmitsuba.simulation.execution.point_taps import PointTaps, point_taps
+from sarmitsuba.simulation.execution.points import PointLegs, build_legs, takes_part
+from sarmitsuba.simulation.execution.points import PointTaps, point_taps
 from sarmitsuba.simulation.execution.points import PointEcho
 from sarmitsuba.simulation.execution.tracing import AntennaStates
 from sarmitsuba.simulation.execution.raster import Raster

@@ -30,7 +30,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.execution.blame import check_traced
 from sarmitsuba.simulation.execution.error_statement import SILENT_DB, ErrorStatement, say_sampling_error
 from sarmitsuba.simulation.execution.far_field import FAR, Aspects, FarSite, geometry_of, target_middle
-from sarmitsuba.simulation.execution.point_legs import PointLegs
+from sarmitsuba.simulation.execution.points import PointLegs
 from sarmitsuba.simulation.execution.points import PointEcho
 from sarmitsuba.simulation.execution.rcs import BouncesLeft, RcsResult, choose_probes, monostatic_rcs
 from sarmitsuba.simulation.execution.solved_currents import (
