@@ -20,7 +20,7 @@ from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import Method, Switch, TraceSettings
 from sarmitsuba.signal.image import SarImage
-from sarmitsuba.simulation.execution.far_field import Aspects
+from sarmitsuba.simulation.execution.rcs import Aspects
 from sarmitsuba.simulation.execution.render import render
 from sarmitsuba.simulation.execution.turntable import rcs_sweep
 

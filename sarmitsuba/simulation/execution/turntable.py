@@ -29,7 +29,7 @@ from sarmitsuba.scene.round_facets import RoundFacets, smooth_geometry
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.execution.blame import check_traced
 from sarmitsuba.simulation.execution.error_statement import SILENT_DB, ErrorStatement, say_sampling_error
-from sarmitsuba.simulation.execution.far_field import FAR, Aspects, FarSite, geometry_of, target_middle
+from sarmitsuba.simulation.execution.rcs import FAR, Aspects, FarSite, geometry_of, target_middle
 from sarmitsuba.simulation.execution.points import PointLegs
 from sarmitsuba.simulation.execution.points import PointEcho
 from sarmitsuba.simulation.execution.rcs import BouncesLeft, RcsResult, choose_probes, monostatic_rcs

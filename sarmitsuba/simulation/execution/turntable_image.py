@@ -13,7 +13,7 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.execution.far_field import FAR, Aspects, outline_of, target_middle
+from sarmitsuba.simulation.execution.rcs import FAR, Aspects, outline_of, target_middle
 
 # resolution cells over the target's diameter, and bandwidth over frequency, where no bandwidth is given
 CELLS_ACROSS, WIDEST_BAND = 48.0, 0.4
