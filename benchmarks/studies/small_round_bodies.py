@@ -42,7 +42,7 @@ from sarmitsuba.simulation.execution.raw import echoes
 from sarmitsuba.simulation.execution.refinement.error_bars import add_error_bars
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
-from sarmitsuba.simulation.execution.turntable_image import turntable_scene
+from sarmitsuba.simulation.execution.turntable import turntable_scene
 from sarmitsuba.truth.theory import sphere_mie
 from sarmitsuba.truth.validation import targets
 from sarmitsuba.truth.validation.measured import bodies

@@ -110,7 +110,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.radar.polarisation import read_channels
     from sarmitsuba.signal.focusing.windows import parse_window
     from sarmitsuba.simulation.execution.turntable import rcs_sweep
-    from sarmitsuba.simulation.execution.turntable_image import image_refusal
+    from sarmitsuba.simulation.execution.turntable import image_refusal
 
     aspects = _aspects(args)
     channels = read_channels(args.pol, "rcs")
@@ -350,7 +350,7 @@ def _image(
     from sarmitsuba.files import write_image
     from sarmitsuba.simulation.execution.render import render
     from sarmitsuba.simulation.execution.run import Run
-    from sarmitsuba.simulation.execution.turntable_image import turntable_scene
+    from sarmitsuba.simulation.execution.turntable import turntable_scene
     from sarmitsuba.view.display import PictureOptions
     from sarmitsuba.view.quicklook import quicklook
 

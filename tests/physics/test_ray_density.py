@@ -12,7 +12,7 @@ from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.scene.mesh import pieces
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.execution.turntable import Aspects, RcsSweep, rcs_sweep
-from sarmitsuba.simulation.execution.turntable_image import turntable_scene
+from sarmitsuba.simulation.execution.turntable import turntable_scene
 from sarmitsuba.simulation.planning.sampling.refined_spacing import MARGIN_DB, finer_spacing, fitting_spacing
 from sarmitsuba.truth.validation import targets
 from sarmitsuba.truth.validation.measured import bodies

@@ -14,7 +14,7 @@ from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.execution.turntable import Aspects, RcsSweep, rcs_sweep
-from sarmitsuba.simulation.execution.turntable_image import image_refusal, turntable_scene
+from sarmitsuba.simulation.execution.turntable import image_refusal, turntable_scene
 from sarmitsuba.truth import theory as theory_of_pairs
 from sarmitsuba.truth.theory import canonical_rcs as theory
 from sarmitsuba.truth.validation import targets
