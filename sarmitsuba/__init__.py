@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from sarmitsuba.signal.raw.raw_data import RawData
     from sarmitsuba.simulation.execution.path_table import PathTable, trace_paths
     from sarmitsuba.simulation.execution.rcs import monostatic_rcs
-    from sarmitsuba.simulation.execution.refinement.passes import refine
+    from sarmitsuba.simulation.execution.passes import refine
     from sarmitsuba.simulation.execution.render import render, simulate
     from sarmitsuba.simulation.planning.prediction.explanation import explain
     from sarmitsuba.tracing.scatterers.wires.kind import WireTarget
@@ -119,7 +119,7 @@ _HOME = {
     "polarimetry_report": "sarmitsuba.analysis.polarimetry",
     "read_image": "sarmitsuba.files",
     "read_raw": "sarmitsuba.files",
-    "refine": "sarmitsuba.simulation.execution.refinement.passes",
+    "refine": "sarmitsuba.simulation.execution.passes",
     "register_plugins": "sarmitsuba.loading.plugins",
     "render": "sarmitsuba.simulation.execution.render",
     "simulate": "sarmitsuba.simulation.execution.render",

@@ -184,7 +184,7 @@ def make_samples(folder: Path) -> None:
     from sarmitsuba.files import write_image, write_raw
     from sarmitsuba.loading.load import load_scene
     from sarmitsuba.signal.raw.raw_data import Layer
-    from sarmitsuba.simulation.execution.refinement.running_mean import Passes
+    from sarmitsuba.simulation.execution.passes import Passes
     from sarmitsuba.simulation.execution.render import simulate
     from tests.support.unweighted import focus
 

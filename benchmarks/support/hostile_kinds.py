@@ -148,7 +148,7 @@ def _passes(path: Path) -> object:
     import numpy as np
 
     from sarmitsuba.signal.raw.raw_data import Layer
-    from sarmitsuba.simulation.execution.refinement.running_mean import Passes, PassLayout
+    from sarmitsuba.simulation.execution.passes import Passes, PassLayout
 
     layout = PassLayout((Layer("VV"),), *PASSES_SHAPE, 10.0)
     found = Passes.load(path, "made here", layout)

@@ -22,7 +22,7 @@ from sarmitsuba.machine.isolated import survive
 from sarmitsuba.machine.kernel_cache import CACHE_VARIABLE, prepare_kernel_cache
 from sarmitsuba.radar.orbit import StateVectors
 from sarmitsuba.signal.raw.raw_data import Layer
-from sarmitsuba.simulation.execution.refinement.running_mean import Passes, PassLayout
+from sarmitsuba.simulation.execution.passes import Passes, PassLayout
 from tests.support.draws import few_of
 
 # shapes without a material are said to be read as concrete

@@ -18,7 +18,7 @@ from sarmitsuba.simulation.execution.refinement.error_bars import (
     estimate_pass_error,
     has_subsets,
 )
-from sarmitsuba.simulation.execution.refinement.running_mean import Passes
+from sarmitsuba.simulation.execution.passes import Passes
 
 
 def subsets(error: float, seed: int = 0) -> tuple[np.ndarray, tuple[Layer, ...], np.ndarray]:

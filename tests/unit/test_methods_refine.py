@@ -14,7 +14,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.raw.raw_data import Layer
 from sarmitsuba.simulation.execution.fingerprint import fingerprint
 from sarmitsuba.simulation.execution.raw import echoes
-from sarmitsuba.simulation.execution.refinement.running_mean import Passes, PassLayout
+from sarmitsuba.simulation.execution.passes import Passes, PassLayout
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.planning.sampling.piece import crop
 from tests.support.unweighted import refine
