@@ -29,7 +29,7 @@ from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.scene.mesh import metal_corners
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.execution.tracing import build_geometry
-from sarmitsuba.simulation.execution.refinement.error_bars import estimate_pass_error
+from sarmitsuba.simulation.execution.error_bars import estimate_pass_error
 from sarmitsuba.simulation.execution.render import render
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.tracing.kernel import scene_tables

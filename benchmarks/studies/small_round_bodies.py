@@ -39,7 +39,7 @@ from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.simulation.execution.image import Imager
 from sarmitsuba.simulation.execution.raw import echoes
-from sarmitsuba.simulation.execution.refinement.error_bars import add_error_bars
+from sarmitsuba.simulation.execution.error_bars import add_error_bars
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
 from sarmitsuba.simulation.execution.turntable import turntable_scene

@@ -27,7 +27,7 @@ from sarmitsuba.simulation.execution.blocks import partition
 from sarmitsuba.simulation.execution.image import Imager
 from sarmitsuba.simulation.execution.path_table import PathTracer
 from sarmitsuba.simulation.execution.raw import echoes
-from sarmitsuba.simulation.execution.refinement.error_bars import add_error_bars
+from sarmitsuba.simulation.execution.error_bars import add_error_bars
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep

@@ -26,7 +26,7 @@ from sarmitsuba.machine.output import OutputFolder
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.raw.raw_data import RawData
-from sarmitsuba.simulation.execution.refinement.error_bars import add_error_bars
+from sarmitsuba.simulation.execution.error_bars import add_error_bars
 from sarmitsuba.view.display import LARGEST, SMALLEST, PictureOptions, magnification
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.comparison import alternatives
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.metrics import image_error_db
-from sarmitsuba.simulation.execution.refinement.error_bars import add_error_bars
+from sarmitsuba.simulation.execution.error_bars import add_error_bars
 from sarmitsuba.simulation.execution.render import simulate
 from tests.support.unweighted import focus
 

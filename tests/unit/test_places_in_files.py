@@ -25,7 +25,7 @@ from sarmitsuba.radar.track import Track
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw.raw_data import Layer, RawData
-from sarmitsuba.simulation.execution.refinement.error_bars import estimate_error
+from sarmitsuba.simulation.execution.error_bars import estimate_error
 from sarmitsuba.view import quicklook as pictures
 from sarmitsuba.view.display import PictureOptions, prepare
 from tests.support.geometries import singular_place

@@ -28,7 +28,7 @@ from sarmitsuba.machine.exclusive import single_threaded
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.raw.raw_data import RawData
 from sarmitsuba.signal.raw.threads import one_blas_thread
-from sarmitsuba.simulation.execution.refinement.error_bars import estimate_pass_error
+from sarmitsuba.simulation.execution.error_bars import estimate_pass_error
 from sarmitsuba.simulation.execution.render import RenderOptions, execute
 
 # errors of the machine or the recipe, which another draw would not cure

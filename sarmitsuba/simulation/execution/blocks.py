@@ -23,7 +23,7 @@ from sarmitsuba.signal.raw.raw_data import Layer
 from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, Traced
 from sarmitsuba.simulation.execution.finished import FinishedBlocks
 from sarmitsuba.simulation.execution.ray_witness import witness_rays
-from sarmitsuba.simulation.execution.refinement.error_bars import estimate_error, has_subsets
+from sarmitsuba.simulation.execution.error_bars import estimate_error, has_subsets
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
 from sarmitsuba.simulation.execution.tracing import Tracer
 from sarmitsuba.simulation.planning.sampling.rays import Rays

@@ -30,7 +30,7 @@ from sarmitsuba.simulation.execution.points import PointEcho
 from sarmitsuba.simulation.execution.tracing import AntennaStates
 from sarmitsuba.simulation.execution.raster import Raster
 from sarmitsuba.simulation.execution.ray_witness import halved_plan, say_rays, witness_rays
-from sarmitsuba.simulation.execution.refinement.error_bars import estimate_error, has_subsets
+from sarmitsuba.simulation.execution.error_bars import estimate_error, has_subsets
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
 from sarmitsuba.simulation.execution.tracing import MAX_LANES, Tracer, polarisation_up

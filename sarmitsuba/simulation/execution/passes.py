@@ -26,7 +26,7 @@ from sarmitsuba.simulation.execution.tracing import Workers
 from sarmitsuba.simulation.execution.fingerprint import fingerprint
 from sarmitsuba.simulation.execution.finished import FinishedBlocks
 from sarmitsuba.simulation.execution.raw import echoes
-from sarmitsuba.simulation.execution.refinement.error_bars import PASSES, SUBSETS, ErrorBars, Source, add_error_bars, estimate_error, estimate_pass_error
+from sarmitsuba.simulation.execution.error_bars import PASSES, SUBSETS, ErrorBars, Source, add_error_bars, estimate_error, estimate_pass_error
 from sarmitsuba.simulation.execution.run import Ready, Run
 import dataclasses
 import json
@@ -48,7 +48,7 @@ from sarmitsuba.machine.regular_files import open_regular
 from sarmitsuba.machine.unfinished import offer_resuming
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.raw.raw_data import Layer, RawData, channels_of, sum_of_channel
-from sarmitsuba.simulation.execution.refinement.error_bars import PASSES, SUBSETS, Source
+from sarmitsuba.simulation.execution.error_bars import PASSES, SUBSETS, Source
 
 
 G = TypeVar("G", bound=np.generic)
@@ -390,7 +390,7 @@ def refine(
     Notes
     -----
     The passes reduce only the error of ray sampling; see
-    :func:`sarmitsuba.simulation.execution.refinement.error_bars.estimate_pass_error`.
+    :func:`sarmitsuba.simulation.execution.error_bars.estimate_pass_error`.
     """
     scene = Scene.of(scene)
     target = scene.settings.target_error_db if target_error_db is None else target_error_db
