@@ -1,25 +1,37 @@
-"""Launch window: the part of the scene that is lit by rays, for each sector of the track."""
+"""Launch window: the part of the scene that is lit by rays, for each sector of the track.
+
+Wires in the lit part of a scene, clipped to a box.
+"""
+
 
 from dataclasses import dataclass
-
 import numpy as np
-
 from sarmitsuba.core.arrays import F64, box_corners, unit_rows
 from sarmitsuba.core.errors import RadarError
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.planning.sampling.beside_mesh import clip_segments
-from sarmitsuba.simulation.planning.sampling.double_bounce import (
-    GRAZING,
-    MOST_RAYS,
-    bounce_ground,
-    steep_faces,
-    unlit_ground,
-    visible_faces,
-)
+from sarmitsuba.simulation.planning.sampling.double_bounce import GRAZING, MOST_RAYS, bounce_ground, steep_faces, unlit_ground, visible_faces
 from sarmitsuba.simulation.planning.sampling.movers import find_lit_boxes, swept
 from sarmitsuba.tracing.kernel.launch import LaunchFrame, frame_towards, window_of
+from sarmitsuba.core.arrays import F64
+
+
+def clip_segments(segments: F64, low: F64, high: F64) -> F64:
+    """End points (m, 3) of segments (n, 2, 3) clipped to a box, by Liang and Barsky's method."""
+    start, step = segments[:, 0], segments[:, 1] - segments[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        a, b = (low - start) / step, (high - start) / step
+    still = step == 0.0
+    inside = (start >= low) & (start <= high)
+    a = np.where(still, np.where(inside, -np.inf, np.inf), a)
+    b = np.where(still, np.where(inside, np.inf, -np.inf), b)
+    first = np.maximum(np.minimum(a, b).max(axis=1), 0.0)
+    last = np.minimum(np.maximum(a, b).min(axis=1), 1.0)
+    kept = first <= last
+    ends = [start[kept] + t[kept, None] * step[kept] for t in (first, last)]
+    return np.concatenate(ends)
+
 
 # rad, rotation of the line of sight to the scene's middle over the pulses of one launch plane. Seen 10 degrees off the
 # plane's normal, tubes are wider by 1.5 per cent; an edge-on plane would light nothing
