@@ -13,7 +13,7 @@ from sarmitsuba.scene.mesh import pieces
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.execution.turntable import Aspects, RcsSweep, rcs_sweep
 from sarmitsuba.simulation.execution.turntable import turntable_scene
-from sarmitsuba.simulation.planning.sampling.refined_spacing import MARGIN_DB, finer_spacing, fitting_spacing
+from sarmitsuba.simulation.planning.sampling.rays import MARGIN_DB, finer_spacing, fitting_spacing
 from sarmitsuba.truth.validation import targets
 from sarmitsuba.truth.validation.measured import bodies
 from tests.support.unweighted import render

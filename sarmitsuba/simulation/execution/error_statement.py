@@ -27,7 +27,7 @@ from sarmitsuba.effects.theory_error import (
 from sarmitsuba.scene.mesh.double_faces import double_faces
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.visible_faces import VisibleFaces
-from sarmitsuba.simulation.planning.sampling.refined_spacing import POOR_DB, error_text, worst
+from sarmitsuba.simulation.planning.sampling.rays import POOR_DB, error_text, worst
 
 # dB, total error above which a sweep is warned of
 DOUBTFUL_DB = 3.0

@@ -35,7 +35,7 @@ from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
 from sarmitsuba.simulation.execution.tracing import MAX_LANES, Tracer, polarisation_up
 from sarmitsuba.simulation.planning.prediction.counting import WITNESS_LEAST, WITNESS_SHARE
-from sarmitsuba.simulation.planning.sampling.checks import check_small_parts
+from sarmitsuba.simulation.planning.sampling.rays import check_small_parts
 from sarmitsuba.tracing.kernel.launch import LaunchGrid
 from sarmitsuba.tracing.kernel.look_accumulator import ImageAccumulator
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene

@@ -31,7 +31,7 @@ from sarmitsuba.simulation.execution.witnesses import (
     effect_witness,
 )
 from sarmitsuba.simulation.planning.prediction.counting import WITNESS_LEAST
-from sarmitsuba.simulation.planning.sampling.checks import check_sampling, check_small_parts
+from sarmitsuba.simulation.planning.sampling.rays import check_sampling, check_small_parts
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.planning.sampling.folding import check_folding
 

@@ -36,7 +36,7 @@ from sarmitsuba.simulation.execution.points import PointEcho
 from sarmitsuba.simulation.execution.rcs import BouncesLeft, RcsResult, choose_probes, monostatic_rcs
 from sarmitsuba.simulation.execution.solved_currents import WORTH_DB, FullWaveTarget, SolvedCurrents, solve_currents
 from sarmitsuba.simulation.planning.sampling.density_plan import FINE_RAYS, RAYS_PER_WAVELENGTH
-from sarmitsuba.simulation.planning.sampling.refined_spacing import MOST_TRACED, finer_spacing, worst
+from sarmitsuba.simulation.planning.sampling.rays import MOST_TRACED, finer_spacing, worst
 from sarmitsuba.tracing.kernel.source import Source
 from sarmitsuba.tracing.kernel.stage import STAGES
 from sarmitsuba.tracing.scatterers.pairs.pair_estimate import pair_level
