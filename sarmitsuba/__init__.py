@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     from sarmitsuba.simulation.execution.rcs import monostatic_rcs
     from sarmitsuba.simulation.execution.passes import refine
     from sarmitsuba.simulation.execution.render import render, simulate
-    from sarmitsuba.simulation.planning.prediction.explanation import explain
+    from sarmitsuba.simulation.planning.prediction.prediction import explain
     from sarmitsuba.tracing.scatterers.wires.kind import WireTarget
 
 _HOME = {
@@ -100,7 +100,7 @@ _HOME = {
     "build_scene": "sarmitsuba.loading.build",
     "cloude_pottier": "sarmitsuba.analysis.polarimetry",
     "error_budget": "sarmitsuba.analysis.error_budget",
-    "explain": "sarmitsuba.simulation.planning.prediction.explanation",
+    "explain": "sarmitsuba.simulation.planning.prediction.prediction",
     "FocusingOperator": "sarmitsuba.signal.focusing.operator",
     "fit": "sarmitsuba.apps.fit.fit",
     "focus": "sarmitsuba.signal.focusing",

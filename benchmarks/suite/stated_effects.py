@@ -33,7 +33,7 @@ from sarmitsuba.simulation.planning.prediction.both_ways import (
     share_of,
     switch_effect,
 )
-from sarmitsuba.simulation.planning.prediction.explanation import explain
+from sarmitsuba.simulation.planning.prediction.prediction import explain
 from tests.support.unweighted import focus
 
 # a shipped scene is made coarser by this, and no wider than so many of its resolution cells

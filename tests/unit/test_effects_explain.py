@@ -24,7 +24,7 @@ from sarmitsuba.simulation.planning.prediction.both_ways import (
     share_of,
     switch_effect,
 )
-from sarmitsuba.simulation.planning.prediction.explanation import Explanation, explain
+from sarmitsuba.simulation.planning.prediction.prediction import Explanation, explain
 from sarmitsuba.simulation.planning.prediction.prediction import predict
 from tests.support.unweighted import focus
 

@@ -20,7 +20,7 @@ from sarmitsuba.scene.scatterers import SCATTERERS, ScattererTarget
 from sarmitsuba.simulation.execution.path_table import trace_paths
 from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
 from sarmitsuba.simulation.planning.pilot import plan_scene
-from sarmitsuba.simulation.planning.prediction.explanation import explain
+from sarmitsuba.simulation.planning.prediction.prediction import explain
 from sarmitsuba.tracing.kernel.stage import STAGES, Stage
 from sarmitsuba.tracing.scatterers.reflectors.reflector import LocalWaves, Reflector
 from tests.support.unweighted import render
