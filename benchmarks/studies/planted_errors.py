@@ -56,7 +56,7 @@ def _phase_factors(make: Callable[[Any], Any]) -> AbstractContextManager[None]:
 
 def float32_phase() -> AbstractContextManager[None]:
     from sarmitsuba.tracing.kernel import accumulators
-    from sarmitsuba.tracing.kernel.look_accumulator import ImageAccumulator
+    from sarmitsuba.tracing.kernel.accumulators import ImageAccumulator
 
     # lengths to the antenna, not differences, in single precision
     def make(f: Any) -> Any:

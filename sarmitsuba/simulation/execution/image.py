@@ -37,7 +37,7 @@ from sarmitsuba.simulation.execution.tracing import MAX_LANES, Tracer, polarisat
 from sarmitsuba.simulation.planning.prediction.counting import WITNESS_LEAST, WITNESS_SHARE
 from sarmitsuba.simulation.planning.sampling.rays import check_small_parts
 from sarmitsuba.tracing.kernel.launch import LaunchGrid
-from sarmitsuba.tracing.kernel.look_accumulator import ImageAccumulator
+from sarmitsuba.tracing.kernel.accumulators import ImageAccumulator
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene
 from sarmitsuba.tracing.kernel.source import Launch
 from sarmitsuba.tracing.kernel.stage import stages_of

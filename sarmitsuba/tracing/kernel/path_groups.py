@@ -16,7 +16,7 @@ from sarmitsuba.core.arrays import C64, U32
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.tracing.kernel.accumulators import grid_cells, grid_numbers
 from sarmitsuba.tracing.kernel.device_arrays import device_array
-from sarmitsuba.tracing.kernel.look_accumulator import ImageAccumulator
+from sarmitsuba.tracing.kernel.accumulators import ImageAccumulator
 from sarmitsuba.tracing.kernel.scene_tables import MATERIAL_MASK
 from sarmitsuba.tracing.kernel.state import COHERENT, NO_HIT, SCATTERER
 
