@@ -30,7 +30,8 @@ from sarmitsuba.tracing.kernel.state import (
     TubeSpread,
 )
 from sarmitsuba.tracing.kernel.table_rows import FaceRow, MaterialRow, SlabRow
-from sarmitsuba.tracing.kernel.tubes import curved_mirror, polygon, tube
+from sarmitsuba.tracing.kernel.tubes import polygon, tube
+from sarmitsuba.tracing.kernel.tubes import tube as curved_mirror
 from sarmitsuba.tracing.scatterers.corners.metal_corners import mirror_at
 from sarmitsuba.tracing.scatterers.slabs.passage import pass_all
 from sarmitsuba.tracing.scatterers.slabs.slab_passage import slab_factors
