@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sarmitsuba.effects.context import PilotResult, SamplingFacts, SceneContext
-from sarmitsuba.effects.facet_bound import facet_bound, flash_bound
+from sarmitsuba.effects.bounds import facet_bound, flash_bound
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.loading.library import resolve
 from sarmitsuba.loading.load import load_scene

@@ -9,7 +9,7 @@ from sarmitsuba.core.errors import SceneError
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.context import PilotResult, SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
-from sarmitsuba.effects.facet_bound import facet_bound, flash_bound, mean_clutter, specular_db
+from sarmitsuba.effects.bounds import facet_bound, flash_bound, mean_clutter, specular_db
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import names
 
@@ -19,7 +19,7 @@ class Coherent(Effect):
 
     A pilot measures the return of random cells, after any number of bounces. Faces that return specularly are bright in
     too few cells to be met by chance; their return is bounded from the geometry, see
-    :mod:`sarmitsuba.effects.facet_bound`.
+    :mod:`sarmitsuba.effects.bounds`.
     """
 
     name = "coherent"

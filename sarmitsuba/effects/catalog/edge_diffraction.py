@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sarmitsuba.core.arrays import C128, F64, unit_rows
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.context import CELL_BELOW_CLUTTER_DB, SceneContext
-from sarmitsuba.effects.edge_bound import Aperture, EdgeBounds, edge_bounds
+from sarmitsuba.effects.bounds import Aperture, EdgeBounds, edge_bounds
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import length
@@ -34,7 +34,7 @@ class EdgeDiffraction(Effect):
     r"""Edge diffraction; on where the strongest sharp metal edge, or the energy of all, is above the tolerance.
 
     What an edge adds to physical optics in a resolution cell is at most the bound of
-    :func:`sarmitsuba.effects.edge_bound.edge_bounds`: by the fringe coefficients of its wedge and its least lean out of
+    :func:`sarmitsuba.effects.bounds.edge_bounds`: by the fringe coefficients of its wedge and its least lean out of
     the plane across the line of sight over the whole aperture, straight, and with one or both legs mirrored in level
     ground, times the reflection coefficient of the ground for each. The strongest edge is compared with the clutter or
     the strongest cell found by a pilot; without a pilot, with a cell of the roughest material, or, where nothing is

@@ -10,7 +10,7 @@ from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.units import db_from_amplitude
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
-from sarmitsuba.effects.facet_bound import angles_known, facet_bound, specular_db
+from sarmitsuba.effects.bounds import angles_known, facet_bound, specular_db
 from sarmitsuba.scene.materials.diffuse import diffuse_tables, water_in
 from sarmitsuba.scene.materials.fresnel import fresnel
 from sarmitsuba.scene.materials.material import Material
