@@ -12,7 +12,7 @@ from matplotlib.image import imsave
 
 import sarmitsuba
 from sarmitsuba.core.errors import SarmitsubaWarning
-from sarmitsuba.effects.slabs_between import seen_through
+from sarmitsuba.effects.context import seen_through
 from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
