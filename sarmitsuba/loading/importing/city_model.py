@@ -12,7 +12,7 @@ from sarmitsuba.loading.importing.buildings import FOOT, Building, add_building
 from sarmitsuba.loading.importing.facades import FacadeBuilder
 from sarmitsuba.loading.importing.import_options import ImportOptions
 from sarmitsuba.loading.importing.parts import Parts
-from sarmitsuba.loading.importing.pavement import add_pavement
+from sarmitsuba.loading.importing.buildings import add_pavement
 from sarmitsuba.loading.importing.places import (
     LOCAL,
     WIDEST,
@@ -25,7 +25,7 @@ from sarmitsuba.loading.importing.places import (
     unwrap_longitude,
 )
 from sarmitsuba.loading.importing.polygons import triangulate_in_space, why_unusable
-from sarmitsuba.loading.importing.roofs import GABLED, PYRAMIDS, rise
+from sarmitsuba.loading.importing.buildings import GABLED, PYRAMIDS, rise
 from sarmitsuba.loading.importing.source_format import BuildingFootprint, CitySource, Solid
 from sarmitsuba.loading.importing.terrain import HeightRaster, read_raster, terrain_mesh
 from sarmitsuba.loading.names_of_materials import DEFAULT, check_chosen, is_doubtful, kind_of
