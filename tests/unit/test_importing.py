@@ -15,7 +15,7 @@ from sarmitsuba.loading.importing.city_model import Model
 from sarmitsuba.loading.importing.convert import import_scene
 from sarmitsuba.loading.importing.facades import FacadeOptions
 from sarmitsuba.loading.importing.import_options import ImportOptions
-from sarmitsuba.loading.importing.triangulated import network
+from sarmitsuba.loading.importing.terrain import network
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.scene.mesh.ply import write_ply
