@@ -23,7 +23,7 @@ import numpy as np
 from sarmitsuba.core.arrays import C64, check_pulses
 from sarmitsuba.core.constants import SUBSET_SHARES
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.files import groups
+from sarmitsuba.files import hdf5_file as groups
 from sarmitsuba.files.formats import FORMATS, FileFormat
 from sarmitsuba.files.hdf5_file import check_shape, read_grid, read_hdf5, write_grid, write_hdf5
 from sarmitsuba.machine.encoding import json_value, to_json
