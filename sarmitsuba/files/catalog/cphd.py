@@ -23,7 +23,7 @@ from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.parameters import printable
 from sarmitsuba.files.cphd_document import LAYOUT, PROFILE, CphdRecording, GroundArea, document
-from sarmitsuba.files.extras import formats_package
+from sarmitsuba.files.labelled import formats_package
 from sarmitsuba.files.formats import FORMATS, FileFormat
 from sarmitsuba.files.nga import LETTERS, plain_xml, read_apart, read_utc, refuse_document_type
 from sarmitsuba.files.phase_history import PhaseHistory, raw_of
