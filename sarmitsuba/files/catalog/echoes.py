@@ -14,7 +14,7 @@ from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.parameters import one_line, printable
 from sarmitsuba.files.echo_header import EchoHeader, read_header
 from sarmitsuba.files.formats import FORMATS, FileFormat
-from sarmitsuba.files.mat_file import load_mat
+from sarmitsuba.files.phase_history import load_mat
 from sarmitsuba.machine.isolated import survive
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.image_request import ImageRequest

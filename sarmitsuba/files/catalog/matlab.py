@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.files.formats import FORMATS, FileFormat
-from sarmitsuba.files.mat_file import load_mat
+from sarmitsuba.files.phase_history import load_mat
 from sarmitsuba.files.phase_history import PhaseHistory, join_parts, raw_of
 from sarmitsuba.machine.isolated import survive
 from sarmitsuba.radar.polarisation import CHANNELS
