@@ -18,7 +18,7 @@ from sarmitsuba.loading.importing.import_options import ImportOptions
 from sarmitsuba.loading.importing.terrain import network
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.radar.geodesy import Anchor
-from sarmitsuba.scene.mesh.ply import write_ply
+from sarmitsuba.scene.mesh.formats import write_ply
 from tests.support.unweighted import render
 
 shapely = pytest.importorskip("shapely", minversion="2.1", reason="in the importing extra")

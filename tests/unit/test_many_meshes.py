@@ -8,7 +8,7 @@ import trimesh
 
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.scene.mesh.cleaning import clean_mesh, clean_meshes
-from sarmitsuba.scene.mesh.ply import read_ply, write_ply
+from sarmitsuba.scene.mesh.formats import read_ply, write_ply
 from sarmitsuba.scene.mesh.smooth_groups import smooth_groups
 from sarmitsuba.scene.mesh.tessellate import cube, cylinder, sphere
 

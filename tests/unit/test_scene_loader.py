@@ -9,7 +9,7 @@ from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.loading.library import list_scenes
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.machine import memory
-from sarmitsuba.scene.mesh.ply import write_ply
+from sarmitsuba.scene.mesh.formats import write_ply
 from tests.support.scenes import shipped
 
 # of the default mode, stripmap, over small shapes

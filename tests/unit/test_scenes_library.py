@@ -16,7 +16,7 @@ from sarmitsuba.files.table_file import read_table
 from sarmitsuba.loading.library import list_radars, list_scenes, resolve, resolve_radar, scenes_dir
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.mesh.cleaning import clean_mesh
-from sarmitsuba.scene.mesh.ply import write_ply
+from sarmitsuba.scene.mesh.formats import write_ply
 from sarmitsuba.scene.mesh.tessellate import sphere
 from scenes.city import city_mesh
 from tests.support.city import make_city

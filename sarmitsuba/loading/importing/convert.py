@@ -19,7 +19,7 @@ from sarmitsuba.machine.output import OutputFile, OutputFolder, output_folder
 from sarmitsuba.machine.regular_files import is_inside
 from sarmitsuba.machine.unfinished import removed_if_stopped
 from sarmitsuba.scene.materials.typical import typical_of
-from sarmitsuba.scene.mesh.ply import write_ply
+from sarmitsuba.scene.mesh.formats import write_ply
 
 _SCENE = """<!--
 {title}
