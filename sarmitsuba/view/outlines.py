@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection
 
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.scene.mesh.connected import label_connected
+from sarmitsuba.scene.mesh.topology import label_connected
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.placement import ImagePlacement
 from sarmitsuba.signal.image import ImageGrid, ShownAxes

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from sarmitsuba.scene.mesh.pieces import LEAST_SLANT, ROUND_RAYS, SLANTED, round_needs, slant_factor
-from sarmitsuba.scene.mesh.welding import weld
+from sarmitsuba.scene.mesh.topology import weld
 
 
 def test_slanted_pieces_keep_their_rays() -> None:

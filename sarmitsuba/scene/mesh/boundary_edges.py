@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F32, F64, I64, unit_rows
-from sarmitsuba.scene.mesh.connected import label_connected
-from sarmitsuba.scene.mesh.edge_pairs import edge_pairs, twins
+from sarmitsuba.scene.mesh.topology import label_connected
+from sarmitsuba.scene.mesh.topology import edge_pairs, twins
 from sarmitsuba.scene.mesh.pieces import SMOOTH_BEND, piece_sizes
-from sarmitsuba.scene.mesh.welding import weld
+from sarmitsuba.scene.mesh.topology import weld
 
 # bend (rad) times width (wavelengths) below which narrow flat strips count as one surface: pi / 8 of phase
 LARGEST_BEND = 1.0 / 16.0
@@ -80,7 +80,7 @@ def facets(
     curved : (n_faces,) triangles that approximate a curved surface, see :mod:`sarmitsuba.scene.mesh.curvature`; None:
         none
     wavelength : m; 0 makes every bend a boundary
-    pairs : of :func:`sarmitsuba.scene.mesh.edge_pairs.edge_pairs`; None: computed here
+    pairs : of :func:`sarmitsuba.scene.mesh.topology.edge_pairs`; None: computed here
 
     Notes
     -----

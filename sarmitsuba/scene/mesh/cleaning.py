@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.core.arrays import F64, I32, I64
 from sarmitsuba.core.errors import SceneError
-from sarmitsuba.scene.mesh.welding import weld
+from sarmitsuba.scene.mesh.topology import weld
 
 # height of a triangle, in roundings of its coordinates, below which it counts as a line
 _ROUNDINGS = 8.0

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sarmitsuba.core.arrays import F64, I32
-from sarmitsuba.scene.mesh.welding import weld
+from sarmitsuba.scene.mesh.topology import weld
 
 
 def is_closed(vertices: F64, faces: I32) -> bool:

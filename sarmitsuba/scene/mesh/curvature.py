@@ -3,7 +3,7 @@
 import numpy as np
 
 from sarmitsuba.core.arrays import F64, I32, I64, unit_rows
-from sarmitsuba.scene.mesh.welding import weld
+from sarmitsuba.scene.mesh.topology import weld
 
 # largest distance of the smooth surface from its facet, wavelengths: beyond it the facet is taken as flat
 LARGEST_SAGITTA = 1.0 / 8.0

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64, I64, unit_rows
 from sarmitsuba.scene.mesh.boundary_edges import FLAT_BEND
-from sarmitsuba.scene.mesh.edge_pairs import edge_pairs
+from sarmitsuba.scene.mesh.topology import edge_pairs
 from sarmitsuba.scene.mesh.pieces import SMOOTH_BEND
-from sarmitsuba.scene.mesh.welding import weld
+from sarmitsuba.scene.mesh.topology import weld
 
 # distance over the extent of all triangles within which corners are one
 TOGETHER = 1e-7

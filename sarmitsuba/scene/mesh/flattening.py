@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64, I64
-from sarmitsuba.scene.mesh.connected import label_connected
+from sarmitsuba.scene.mesh.topology import label_connected
 
 # largest distance of a vertex from the plane of its facet, wavelengths: 0.025 rad of two-way phase
 LARGEST_DISTANCE = 2e-3
@@ -32,7 +32,7 @@ def flatten_facets(corners: F64, pairs: tuple[I64, I64], wavelength: float) -> F
     Parameters
     ----------
     corners : (n, 3, 3) float64, m
-    pairs : of :func:`sarmitsuba.scene.mesh.edge_pairs.edge_pairs`
+    pairs : of :func:`sarmitsuba.scene.mesh.topology.edge_pairs`
     wavelength : m
 
     Returns

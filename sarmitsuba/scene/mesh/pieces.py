@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64, I64, box_of_each, unit_rows
-from sarmitsuba.scene.mesh.connected import label_connected
+from sarmitsuba.scene.mesh.topology import label_connected
 
 # bend of an edge below which the surface continues across it, rad
 SMOOTH_BEND = np.radians(20.0)
@@ -17,7 +17,7 @@ def piece_of(corners: F64, vertex: I64, pairs: tuple[I64, I64]) -> I64:
     ----------
     corners : (n, 3, 3) float64, m
     vertex : (3 n,) label of each corner's vertex; equal where corners coincide
-    pairs : of :func:`sarmitsuba.scene.mesh.edge_pairs.edge_pairs`
+    pairs : of :func:`sarmitsuba.scene.mesh.topology.edge_pairs`
 
     Notes
     -----

@@ -10,7 +10,7 @@ from sarmitsuba.core.arrays import F64, I64, unit_rows
 from sarmitsuba.scene.mesh.double_faces import double_faces
 from sarmitsuba.scene.mesh.joined_sides import join_sides
 from sarmitsuba.scene.mesh.pieces import SMOOTH_BEND
-from sarmitsuba.scene.mesh.welding import weld
+from sarmitsuba.scene.mesh.topology import weld
 
 # least height of a triangle over its longest edge: flatter ones have no reliable normal
 SLIVER = 1e-6

@@ -6,9 +6,9 @@ from numpy.typing import NDArray
 from sarmitsuba.core.arrays import F64, I32, I64, unit_rows
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.scene.mesh.curvature import LARGEST_LEAN
-from sarmitsuba.scene.mesh.edge_pairs import edge_pairs
+from sarmitsuba.scene.mesh.topology import edge_pairs
 from sarmitsuba.scene.mesh.smooth_groups import smooth_groups
-from sarmitsuba.scene.mesh.welding import weld
+from sarmitsuba.scene.mesh.topology import weld
 
 # most triangles of a fitted surface, and most halvings of an edge
 MOST_FACES, MOST_HALVINGS = 4_000_000, 12

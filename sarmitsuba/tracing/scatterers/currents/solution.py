@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C128, F64, I64
 from sarmitsuba.scene.mesh.conforming import conforming
-from sarmitsuba.scene.mesh.connected import label_connected
-from sarmitsuba.scene.mesh.edge_pairs import edge_pairs
+from sarmitsuba.scene.mesh.topology import label_connected
+from sarmitsuba.scene.mesh.topology import edge_pairs
 from sarmitsuba.scene.mesh.mirrors import mirror_planes, part_of
 from sarmitsuba.scene.mesh.remesh import DEVIATION, remesh
 from sarmitsuba.tracing.scatterers.currents.basis import CurrentBasis
