@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64, I32, I64
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.scene.mesh.closed import enclosed_volume, is_closed
+from sarmitsuba.scene.mesh.facet_edges import enclosed_volume, is_closed
 from sarmitsuba.scene.mesh.topology import label_connected
 from sarmitsuba.scene.mesh.convexity import SLACK, face_edges, is_convex_body, merge_vertices, one_sided
 
