@@ -13,7 +13,7 @@ from sarmitsuba.scene.mesh.curvature import facet_curvature
 from sarmitsuba.scene.mesh.topology import edge_pairs
 from sarmitsuba.scene.mesh.pieces import SMOOTH_BEND, piece_of
 from sarmitsuba.scene.mesh.sharp_edges import WIDEST_GAP, SharpEdges, sharp_edges
-from sarmitsuba.scene.mesh.thin_rims import ONE_EDGE
+from sarmitsuba.scene.mesh.sharp_edges import ONE_EDGE
 from sarmitsuba.scene.mesh.topology import weld
 
 # lines that are evaluated at most: of more, curved ones are thinned out

@@ -37,7 +37,7 @@ from sarmitsuba.scene.materials.fresnel import fresnel
 from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.mesh.double_faces import double_faces
-from sarmitsuba.scene.mesh.thin_rims import ONE_EDGE
+from sarmitsuba.scene.mesh.sharp_edges import ONE_EDGE
 from sarmitsuba.scene.visible_faces import VisibleFaces
 
 # dB below the peak down to which the error is stated

@@ -5,9 +5,9 @@ import pytest
 import trimesh
 
 from sarmitsuba.core.arrays import C128, F64, I64
-from sarmitsuba.scene.mesh import thin_rims
+from sarmitsuba.scene.mesh import sharp_edges as thin_rims
 from sarmitsuba.scene.mesh.sharp_edges import SharpEdges, sharp_edges
-from sarmitsuba.scene.mesh.thin_rims import ELECTRIC, ONE_EDGE, replace_thin_rims, wedge_shares
+from sarmitsuba.scene.mesh.sharp_edges import ELECTRIC, ONE_EDGE, replace_thin_rims, wedge_shares
 from sarmitsuba.tracing.scatterers.edges.diffraction import edges_of
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.theory.moments import strips_by_moments

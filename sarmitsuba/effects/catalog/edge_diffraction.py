@@ -19,7 +19,7 @@ from sarmitsuba.scene.materials.fresnel import fresnel
 from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.mesh.sharp_edges import SharpEdges
-from sarmitsuba.scene.mesh.thin_rims import metal_edges
+from sarmitsuba.scene.mesh.sharp_edges import metal_edges
 from sarmitsuba.scene.visible_faces import VisibleFaces
 
 # antenna positions, distributed over all, and edges with the largest bounds whose fringe coefficients are computed
