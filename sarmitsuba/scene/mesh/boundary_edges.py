@@ -77,7 +77,7 @@ def facets(
     ----------
     corners : (n_faces, 3, 3) float64, m
     vertex : (3 n_faces,) welded vertex of every corner; None: computed here
-    curved : (n_faces,) triangles that approximate a curved surface, see :mod:`sarmitsuba.scene.mesh.curvature`; None:
+    curved : (n_faces,) triangles that approximate a curved surface, see :mod:`sarmitsuba.scene.mesh.smooth_surface`; None:
         none
     wavelength : m; 0 makes every bend a boundary
     pairs : of :func:`sarmitsuba.scene.mesh.topology.edge_pairs`; None: computed here

@@ -93,7 +93,7 @@ def ray_needs(
     ----------
     area, width : (n,) m^2 and m, of each triangle's piece
     part_width : (n,) m, of :func:`part_sizes`
-    curvature : (n, 8) of :func:`sarmitsuba.scene.mesh.curvature.facet_curvature`; None: all facets are flat
+    curvature : (n, 8) of :func:`sarmitsuba.scene.mesh.smooth_surface.facet_curvature`; None: all facets are flat
     round_need : (n,) of :func:`round_needs`; None: there are no round bodies
     wavelength : m
     """

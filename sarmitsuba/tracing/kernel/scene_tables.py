@@ -17,7 +17,7 @@ from sarmitsuba.scene.materials.diffuse_law import LAWS, Bistatic
 from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.mesh.boundary_edges import N_EDGES, facets
-from sarmitsuba.scene.mesh.curvature import facet_curvature
+from sarmitsuba.scene.mesh.smooth_surface import facet_curvature
 from sarmitsuba.scene.mesh.topology import edge_pairs
 from sarmitsuba.scene.mesh.flattening import flatten_facets
 from sarmitsuba.scene.mesh.metal_corners import corner_needs
@@ -66,7 +66,7 @@ class TraceScene:
     diffuse_table : (2 n_nodes n_materials,) float32: sqrt(sigma0) for h and v over the incidence angle, nodes
         uniform in angle from 0 to 90 degrees
     curvature_table : (8 n_faces,) float32, curvature of the smooth surfaces, see
-        :func:`sarmitsuba.scene.mesh.curvature.facet_curvature`; None in a flat scene
+        :func:`sarmitsuba.scene.mesh.smooth_surface.facet_curvature`; None in a flat scene
     needs : (n_faces,) m, largest permitted ray spacing on each face, for coherent and for diffuse returns
     corner_needs : (n_faces,) m, ray spacing that double bounces between metal facets need, also where the rays for
         them do not suffice and ``needs`` is coarser; infinite without
