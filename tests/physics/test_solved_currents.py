@@ -16,7 +16,7 @@ from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.scene.materials.material import Material
-from sarmitsuba.scene.mesh.contacts import contacts
+from sarmitsuba.scene.mesh.remesh import contacts
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.execution.render import render
 from sarmitsuba.simulation.execution.turntable import Aspects, RcsSweep, rcs_sweep

@@ -7,8 +7,8 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from sarmitsuba.scene.mesh.conforming import conforming, join_points
-from sarmitsuba.scene.mesh.contacts import contacts
+from sarmitsuba.scene.mesh.remesh import conforming, join_points
+from sarmitsuba.scene.mesh.remesh import contacts
 from sarmitsuba.scene.mesh.mirrors import mirror_planes, part_of
 from sarmitsuba.scene.mesh.remesh import DEVIATION, LONGEST, distance_to_triangles, remesh
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba.core.arrays import F64, I64
-from sarmitsuba.scene.mesh.conforming import join_points
+from sarmitsuba.scene.mesh.remesh import join_points
 from sarmitsuba.scene.mesh.double_faces import TriangleBalls
 from sarmitsuba.scene.mesh.remesh import distance_to_triangles
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C128, F64, I64
-from sarmitsuba.scene.mesh.conforming import conforming
+from sarmitsuba.scene.mesh.remesh import conforming
 from sarmitsuba.scene.mesh.topology import label_connected
 from sarmitsuba.scene.mesh.topology import edge_pairs
 from sarmitsuba.scene.mesh.mirrors import mirror_planes, part_of
