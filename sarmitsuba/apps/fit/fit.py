@@ -11,7 +11,7 @@ import numpy as np
 from sarmitsuba.apps.fit.coarse_shapes import checked_offsets, coarse_shapes, other_cycles
 from sarmitsuba.apps.fit.coarse_track import coarse_track
 from sarmitsuba.apps.fit.confirmation import CONFIRMED, confirm_values
-from sarmitsuba.apps.fit.cost_profiles import profile_deviations, scales
+from sarmitsuba.apps.fit.confirmation import profile_deviations, scales
 from sarmitsuba.apps.fit.derivative_witness import derivative_witnesses, is_refuted, warn_of
 from sarmitsuba.apps.fit.form_search import searched_forms
 from sarmitsuba.apps.fit.jacobian import Parameters
@@ -56,7 +56,7 @@ class Fit:
     start, values : (n,) float64, before and after the fit
     steps : (n_steps, n) values on the way: the start, after every round of the coarse start, after every accepted step
     covariance : (n, n) of the values, with the noise power that the residuals show; its diagonal from the profile of
-        the cost where that is no parabola (:mod:`sarmitsuba.apps.fit.cost_profiles`): infinite where the data bound a
+        the cost where that is no parabola (:mod:`sarmitsuba.apps.fit.confirmation`): infinite where the data bound a
         value on one side only, such as the rms height of a surface whose mirror has vanished; and from the residuals
         of parts of the image where these say more, as echoes that the model lacks are no noise
         (:mod:`sarmitsuba.apps.fit.model_error`)

@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from sarmitsuba.apps.fit.cost_profiles import scales
+from sarmitsuba.apps.fit.confirmation import scales
 from sarmitsuba.apps.fit.least_squares import (
     Prior,
     Problem,
