@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba.apps.fit.derivative_witness import gradient_witnesses, warn_of
-from sarmitsuba.apps.fit.edge_points import OfShapes
+from sarmitsuba.apps.fit.moving_edges import OfShapes
 from sarmitsuba.apps.fit.forward_model import ForwardModel
 from sarmitsuba.apps.fit.jacobian import Parameters, parameters_of
 from sarmitsuba.apps.fit.losses import SquaredDifference, check_loss
