@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sarmitsuba.apps.fit.composed_moves import ComposedMoves
 from sarmitsuba.apps.fit.material_parameters import change_material
 from sarmitsuba.apps.fit.moving_edges import EdgeBatches
-from sarmitsuba.apps.fit.needed import At, Found, Needed
+from sarmitsuba.apps.fit.parsing import At, Found, Needed
 from sarmitsuba.apps.fit.parameter import Derivatives, Parameter, Step
 from sarmitsuba.apps.fit.point_changes import PointChanges
 from sarmitsuba.apps.fit.radar_parameters import BeamPointing
