@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.apps.fit.composed_moves import ComposedMoves
+from sarmitsuba.apps.fit.shape_parameters import ComposedMoves
 from sarmitsuba.apps.fit.material_parameters import change_material
 from sarmitsuba.apps.fit.moving_edges import EdgeBatches
 from sarmitsuba.apps.fit.parsing import At, Found, Needed

@@ -17,7 +17,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 import numpy as np
-from sarmitsuba.apps.fit.composed_moves import ComposedMoves
+from sarmitsuba.apps.fit.shape_parameters import ComposedMoves
 from sarmitsuba.apps.fit.parameter import Parameter, Step
 from sarmitsuba.core.arrays import C64, I64
 from sarmitsuba.scene.scene import Scene
