@@ -16,7 +16,7 @@ from sarmitsuba.apps.fit.jacobian import Parameters, parameters_of
 from sarmitsuba.apps.fit.losses import SquaredDifference, check_loss
 from sarmitsuba.apps.fit.moving_edges import EdgeLattices
 from sarmitsuba.apps.fit.parsing import At
-from sarmitsuba.apps.fit.tangent_batches import make_range_derivative
+from sarmitsuba.apps.fit.forward_model import make_range_derivative
 from sarmitsuba.core.arrays import C64, C128, F64, I64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import DataError, SceneError
