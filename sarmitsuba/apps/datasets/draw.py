@@ -1,4 +1,12 @@
-"""Draw of one sample: its scene and radar, from the recipe's seed and the sample's number alone."""
+"""Draw of one sample: its scene and radar, from the recipe's seed and the sample's number alone.
+
+Places of shapes in a scene, drawn so that nothing touches.
+
+Scene files that a recipe may draw: what they hold.
+
+Training, validation and test parts, disjoint by instance or by scene.
+"""
+
 
 import hashlib
 import os
@@ -7,24 +15,11 @@ from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
-
 import numpy as np
-
 from sarmitsuba.analysis.labels.classes import check_used
 from sarmitsuba.analysis.labels.owners import no_surface_materials
-from sarmitsuba.apps.datasets.drawn_shapes import (
-    InstanceMesh,
-    box,
-    crown,
-    lowest_under,
-    mesh_folder,
-    read_instances,
-    relief,
-)
-from sarmitsuba.apps.datasets.layout import ShapeLayout
+from sarmitsuba.apps.datasets.drawn_shapes import InstanceMesh, box, crown, lowest_under, mesh_folder, read_instances, relief
 from sarmitsuba.apps.datasets.recipe import CLASSES, Recipe, RecipeSection, read_recipe
-from sarmitsuba.apps.datasets.scene_files import SceneFile
-from sarmitsuba.apps.datasets.splits import SCENE_DRAW, VIEW_DRAW, DatasetParts
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import SarmitsubaError
 from sarmitsuba.core.parameters import Value, float_value, string_value
@@ -36,6 +31,168 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.mode import mode_parameters
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
+from dataclasses import dataclass, field
+from sarmitsuba.apps.datasets.drawn_shapes import hull, separation, turn_points
+from sarmitsuba.core.errors import SceneError
+import warnings
+from dataclasses import dataclass
+from sarmitsuba.analysis.labels.classes import shape_names
+from sarmitsuba.analysis.labels.owners import material_names
+from sarmitsuba.core.errors import SarmitsubaError, SarmitsubaWarning
+from sarmitsuba.simulation.execution.fingerprint import fingerprint
+from collections.abc import Sequence
+from sarmitsuba.apps.datasets.drawn_shapes import InstanceMesh
+from sarmitsuba.apps.datasets.recipe import PART_NAMES, Recipe
+from sarmitsuba.core.errors import DataError
+
+
+# trials of a place before a draw is given up
+_TRIALS = 200
+
+
+@dataclass
+class ShapeLayout:
+    """Plan of the shapes placed so far.
+
+    Parameters
+    ----------
+    outlines : convex hulls (n, 2), m, in plan
+    """
+
+    outlines: list[F64] = field(default_factory=list)
+
+    def place(
+        self,
+        name: str,
+        vertices: F64,
+        heading: float,
+        spread: float,
+        gap: float,
+        generator: np.random.Generator,
+    ) -> F64:
+        """Vertices (n, 3) at a drawn place, at least ``gap`` from all others in plan.
+
+        Parameters
+        ----------
+        name : of the shape, for the error
+        vertices : (n, 3) m, about the origin
+        heading : rad, from x to y
+        spread : side of the square of places about the origin, m
+        gap : m
+        generator : of the places
+
+        Raises
+        ------
+        SceneError
+            No free place was found.
+        """
+        shape = turn_points(vertices, heading)
+        outline = hull(shape[:, :2])
+        for _ in range(_TRIALS):
+            shift = generator.uniform(-0.5, 0.5, 2) * spread
+            if all(separation(outline + shift, other) >= gap for other in self.outlines):
+                self.outlines.append(outline + shift)
+                shape[:, :2] += shift
+                return shape
+        raise SceneError(
+            f"{name}: no free place among {len(self.outlines)} shapes within {spread:g} m in {_TRIALS} trials; draw "
+            "fewer shapes or a larger spread"
+        )
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """Names in a scene file.
+
+    Parameters
+    ----------
+    digest : hash of all that belongs to the scene; "" where it cannot be read: its draws fail, and say why
+    shapes, materials : names
+    """
+
+    digest: str
+    shapes: tuple[str, ...] = ()
+    materials: tuple[str, ...] = ()
+
+    @staticmethod
+    def of(file: Path | str) -> "SceneFile":
+        """Names in a file, or in a shipped scene."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SarmitsubaWarning)
+            try:
+                scene = load_scene(file)
+            except SarmitsubaError:
+                return SceneFile("")
+        return SceneFile(fingerprint(scene), shape_names(scene), tuple(material_names(scene.materials)))
+
+
+# first words of seeds, so that no two kinds of draws share random numbers
+SCENE_DRAW, VIEW_DRAW, PART_DRAW, MESH_DRAW = range(4)
+
+
+@dataclass(frozen=True, eq=False)
+class DatasetParts:
+    """Part of every scene, and of every mesh.
+
+    Parameters
+    ----------
+    recipe : with the shares
+    meshes : all instances; empty in recipes without
+    """
+
+    recipe: Recipe
+    meshes: Sequence[InstanceMesh]
+
+    def of_scene(self, scene: int) -> str:
+        """Part of a scene, by number."""
+        generator = np.random.default_rng(np.random.SeedSequence((self.recipe.seed, PART_DRAW, scene)))
+        shares = np.cumsum([self.recipe.real("parts", name) for name in PART_NAMES])
+        index = int(np.searchsorted(shares / shares[-1], generator.uniform(), side="right"))
+        return PART_NAMES[min(index, len(PART_NAMES) - 1)]
+
+    @cached_property
+    def of_meshes(self) -> dict[str, str]:
+        """Part of every mesh by name, the shares held within each class; empty where parts are by scene.
+
+        Raises
+        ------
+        DataError
+            A class has too few meshes for the parts.
+        """
+        if self.recipe.text("parts", "by") != "instance":
+            return {}
+        generator = np.random.default_rng(np.random.SeedSequence((self.recipe.seed, MESH_DRAW)))
+        wanted = [name for name in PART_NAMES if self.recipe.real("parts", name) > 0.0]
+        out: dict[str, str] = {}
+        for kind in sorted({mesh.semantic_class for mesh in self.meshes}):
+            names = [mesh.name for mesh in self.meshes if mesh.semantic_class == kind]
+            if len(names) < len(wanted):
+                raise DataError(
+                    f"{self.recipe.path.name}: [parts]: class {kind} has {len(names)} meshes for {len(wanted)} parts "
+                    'by instance; add meshes, or give by = "scene"'
+                )
+            order = [names[i] for i in generator.permutation(len(names))]
+            for name, count in zip(wanted, self._counts(len(names), wanted), strict=True):
+                out |= dict.fromkeys(order[:count], name)
+                order = order[count:]
+        return out
+
+    def _counts(self, total: int, wanted: Sequence[str]) -> list[int]:
+        """Meshes of a class in each part: at least one, the rest by the largest remainder."""
+        share = np.array([self.recipe.real("parts", name) for name in wanted])
+        exact = share / share.sum() * total
+        counts = np.maximum(np.floor(exact).astype(int), 1)
+        while counts.sum() > total:
+            counts[int(np.argmax(np.where(counts > 1, counts - exact, -np.inf)))] -= 1
+        while counts.sum() < total:
+            counts[int(np.argmax(exact - counts))] += 1
+        return [int(count) for count in counts]
+
+    def meshes_of(self, part: str) -> tuple[InstanceMesh, ...]:
+        """Meshes that scenes of a part may hold."""
+        of = self.of_meshes
+        return tuple(mesh for mesh in self.meshes if not of or of[mesh.name] == part)
+
 
 Values = Mapping[str, Value | None]
 # margin by which the feet of walls and boxes are sunk into ground with relief, m
