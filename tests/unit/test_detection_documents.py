@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sarmitsuba.apps.datasets.detection import DetectionDocuments
+from sarmitsuba.apps.datasets.generate import DetectionDocuments
 from sarmitsuba.apps.datasets.recipe import read_recipe
 from sarmitsuba.apps.datasets.record import SampleRecord
 
