@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.apps.datasets.distributions import read_drawn
+from sarmitsuba.apps.datasets.recipe import read_drawn
 from sarmitsuba.apps.datasets.recipe import read_recipe
-from sarmitsuba.apps.datasets.recipe_tables import DRAWS, VALUES
+from sarmitsuba.apps.datasets.recipe import DRAWS, VALUES
 from sarmitsuba.core.errors import DataError, SarmitsubaError
 from sarmitsuba.core.parameters import Param
 

@@ -53,7 +53,7 @@ from sarmitsuba.files.coco import run_lengths
 from sarmitsuba.version import __version__
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from sarmitsuba.apps.datasets.distributions import Fixed
+from sarmitsuba.apps.datasets.recipe import Fixed
 from sarmitsuba.apps.datasets.record import JsonTable
 from sarmitsuba.machine.regular_files import read_text
 
