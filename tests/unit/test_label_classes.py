@@ -10,7 +10,7 @@ from sarmitsuba.analysis.labels.echo_labels import NO_CLASS
 from sarmitsuba.apps.datasets.draw import Drawer
 from sarmitsuba.apps.datasets.recipe import read_recipe
 from sarmitsuba.apps.datasets.sample import make_sample
-from sarmitsuba.apps.datasets.sample_labels import _recode_layer
+from sarmitsuba.apps.datasets.sample import _recode_layer
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.signal.pixel_labels import LabelLayer
 

@@ -48,7 +48,7 @@ from typing import Any
 from sarmitsuba.analysis.labels.ground_shapes import GROUND_CLASSES
 from sarmitsuba.apps.datasets.recipe import PART_NAMES, Recipe
 from sarmitsuba.apps.datasets.record import JsonTable, SampleRecord
-from sarmitsuba.apps.datasets.sample_labels import SHAPES
+from sarmitsuba.apps.datasets.sample import SHAPES
 from sarmitsuba.files.coco import run_lengths
 from sarmitsuba.version import __version__
 from collections import Counter
