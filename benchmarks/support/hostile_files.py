@@ -423,7 +423,7 @@ def _make_journals(folder: Path) -> None:
     from sarmitsuba.apps.cost.clock import WorkClock
     from sarmitsuba.apps.cost.trials import Trials
     from sarmitsuba.apps.datasets.recipe import PART_NAMES
-    from sarmitsuba.apps.datasets.record import SampleForm, append
+    from sarmitsuba.apps.datasets.store import SampleForm, append
     from sarmitsuba.apps.datasets.sample import make_sample
     from sarmitsuba.machine.journal import Journal
     from sarmitsuba.simulation.execution.render import simulate

@@ -256,7 +256,7 @@ def _samples(path: Path) -> object:
 
     from sarmitsuba.apps.datasets.generate import STORE, _write_files
     from sarmitsuba.apps.datasets.recipe import PART_NAMES
-    from sarmitsuba.apps.datasets.record import SampleForm
+    from sarmitsuba.apps.datasets.store import SampleForm
     from sarmitsuba.machine.journal import Journal
 
     drawer = sample_drawer(path.parent / "small.toml")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.apps.datasets.generate import DetectionDocuments
 from sarmitsuba.apps.datasets.recipe import read_recipe
-from sarmitsuba.apps.datasets.record import SampleRecord
+from sarmitsuba.apps.datasets.store import SampleRecord
 
 
 def decoded(found: dict[str, Any]) -> NDArray[np.bool_]:

@@ -28,7 +28,7 @@ from typing import Protocol
 import numpy as np
 from sarmitsuba.apps.datasets.draw import Drawer
 from sarmitsuba.apps.datasets.recipe import PART_NAMES
-from sarmitsuba.apps.datasets.record import SampleForm, append
+from sarmitsuba.apps.datasets.store import SampleForm, append
 from sarmitsuba.apps.datasets.sample import Sample, make_sample
 from sarmitsuba.apps.datasets.store import records, write_store
 from sarmitsuba.core.errors import DataError, ResourceError, SarmitsubaError
@@ -47,14 +47,14 @@ from collections.abc import Sequence
 from typing import Any
 from sarmitsuba.analysis.labels.ground_shapes import GROUND_CLASSES
 from sarmitsuba.apps.datasets.recipe import PART_NAMES, Recipe
-from sarmitsuba.apps.datasets.record import JsonTable, SampleRecord
+from sarmitsuba.apps.datasets.store import JsonTable, SampleRecord
 from sarmitsuba.apps.datasets.sample import SHAPES
 from sarmitsuba.files.coco import run_lengths
 from sarmitsuba.version import __version__
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from sarmitsuba.apps.datasets.recipe import Fixed
-from sarmitsuba.apps.datasets.record import JsonTable
+from sarmitsuba.apps.datasets.store import JsonTable
 from sarmitsuba.machine.regular_files import read_text
 
 
