@@ -182,7 +182,7 @@ def _short(changes: object) -> str:
 def _check_earlier(folder: "OutputFolder", run_hash: str) -> None:
     """Raise an OutputError where the folder holds the study of another scene."""
     from sarmitsuba.core.errors import OutputError
-    from sarmitsuba.machine import parameter_file
+    from sarmitsuba.machine import output as parameter_file
 
     if not folder.owns(RECORD):
         return
@@ -195,7 +195,7 @@ def _check_earlier(folder: "OutputFolder", run_hash: str) -> None:
 
 
 def _save(folder: "OutputFolder", report: "CostReport", name: str, run_hash: str, text: str) -> None:
-    from sarmitsuba.machine import parameter_file
+    from sarmitsuba.machine import output as parameter_file
     from sarmitsuba.machine.atomic import atomic_path
     from sarmitsuba.view.charts import cost_figure, save_figure
 

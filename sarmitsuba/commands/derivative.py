@@ -50,7 +50,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.apps.fit.parsing import list_parameters
     from sarmitsuba.core.errors import SceneError
     from sarmitsuba.files import write_image
-    from sarmitsuba.machine import parameter_file
+    from sarmitsuba.machine import output as parameter_file
     from sarmitsuba.machine.backend import ensure_backend
     from sarmitsuba.machine.output import OutputFolder, output_folder
     from sarmitsuba.view.quicklook import save

@@ -91,7 +91,7 @@ def _evaluate(
     from sarmitsuba.analysis.interferometry import height_map, interferogram, unwrapped_phase
     from sarmitsuba.commands.results import draw_into
     from sarmitsuba.files import write_image
-    from sarmitsuba.machine import parameter_file
+    from sarmitsuba.machine import output as parameter_file
     from sarmitsuba.machine.atomic import atomic_path
     from sarmitsuba.machine.output import output_folder
     from sarmitsuba.view.fringes import interferogram_figure

@@ -21,7 +21,7 @@ from sarmitsuba.core.errors import DataError, SarmitsubaError
 from sarmitsuba.core.parameters import one_line
 from sarmitsuba.core.timing import StageTimer
 from sarmitsuba.files import FORMATS, FileFormat, read_raw, write_image, write_raw
-from sarmitsuba.machine import parameter_file
+from sarmitsuba.machine import output as parameter_file
 from sarmitsuba.machine.output import OutputFolder
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.image import SarImage

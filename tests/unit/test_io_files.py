@@ -22,7 +22,7 @@ from sarmitsuba.core.errors import DataError, OutputError
 from sarmitsuba.files import read_image, read_raw, write_image, write_raw
 from sarmitsuba.files.formats import FORMATS, FileFormat, find_format
 from sarmitsuba.files.table_file import read_table
-from sarmitsuba.machine import parameter_file
+from sarmitsuba.machine import output as parameter_file
 from sarmitsuba.machine.atomic import atomic_path
 from sarmitsuba.machine.encoding import to_json
 from sarmitsuba.radar.antenna import Antenna, Pointing
@@ -346,7 +346,7 @@ def test_disk_that_refuses_to_grow_leaves_nothing(tmp_path: Path) -> None:
         from test_io_files import make_raw, make_image
         from sarmitsuba.core.errors import OutputError
         from sarmitsuba.files import write_image, write_raw
-        from sarmitsuba.machine import parameter_file
+        from sarmitsuba.machine import output as parameter_file
         folder = Path({str(tmp_path)!r})
         raw, image = make_raw(400, 400), make_image(400, 400)
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
