@@ -19,7 +19,7 @@ from sarmitsuba.loading.load import load_scene
 from sarmitsuba.loading.maps import _pixels as read_pixels
 from sarmitsuba.machine import exclusive
 from sarmitsuba.machine.isolated import survive
-from sarmitsuba.machine.kernel_cache import CACHE_VARIABLE, prepare_kernel_cache
+from sarmitsuba.machine.backend import CACHE_VARIABLE, prepare_kernel_cache
 from sarmitsuba.radar.orbit import StateVectors
 from sarmitsuba.signal.raw.raw_data import Layer
 from sarmitsuba.simulation.execution.passes import Passes, PassLayout
