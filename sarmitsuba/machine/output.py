@@ -20,7 +20,7 @@ from sarmitsuba.core.parameters import one_line
 from sarmitsuba.machine.atomic import make_folder, part_name
 from sarmitsuba.machine.encoding import json_value
 from sarmitsuba.machine.regular_files import check_text, read_text
-from sarmitsuba.machine.unfinished import removed_if_stopped
+from sarmitsuba.machine.atomic import removed_if_stopped
 import errno
 from collections.abc import Iterator
 from sarmitsuba.core.errors import OutputError

@@ -20,7 +20,7 @@ from sarmitsuba.core.errors import OutputError
 from sarmitsuba.loading import mesh_files
 from sarmitsuba.loading.importing.convert import import_scene
 from sarmitsuba.machine.output import MANIFEST
-from sarmitsuba.machine.unfinished import remove_unfinished
+from sarmitsuba.machine.atomic import remove_unfinished
 from sarmitsuba.scene.mesh.formats import read_ply, write_ply
 from sarmitsuba.scene.mesh.tessellate import cube
 

@@ -17,7 +17,7 @@ from sarmitsuba.loading.importing.source_format import find_source
 from sarmitsuba.machine.atomic import atomic_path, process_of_part
 from sarmitsuba.machine.output import OutputFile, OutputFolder, output_folder
 from sarmitsuba.machine.regular_files import is_inside
-from sarmitsuba.machine.unfinished import removed_if_stopped
+from sarmitsuba.machine.atomic import removed_if_stopped
 from sarmitsuba.scene.materials.typical import typical_of
 from sarmitsuba.scene.mesh.formats import write_ply
 

@@ -45,7 +45,7 @@ from sarmitsuba.core.arrays import C64, check_pulses
 from sarmitsuba.machine.atomic import atomic_path
 from sarmitsuba.machine.encoding import json_value, to_json
 from sarmitsuba.machine.regular_files import open_regular
-from sarmitsuba.machine.unfinished import offer_resuming
+from sarmitsuba.machine.atomic import offer_resuming
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.raw.raw_data import Layer, RawData, channels_of, sum_of_channel
 from sarmitsuba.simulation.execution.error_bars import PASSES, SUBSETS, Source
