@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 import sarmitsuba
-from sarmitsuba.analysis.labels.echo_labels import EchoLabels, echo_labels
+from sarmitsuba.analysis.echo_labels import EchoLabels, echo_labels
 from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.loading.load import load_scene

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.analysis.labels.echo_labels import EchoLabels, echo_labels
-from sarmitsuba.analysis.labels.instances import boxes
+from sarmitsuba.analysis.echo_labels import EchoLabels, echo_labels
+from sarmitsuba.analysis.echo_labels import boxes
 from sarmitsuba.core.arrays import C64, F64, I64
 from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.machine.backend import dr

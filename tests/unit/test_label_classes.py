@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.analysis.labels.classes import check_used, classes_of_shapes, read_classes
-from sarmitsuba.analysis.labels.echo_labels import NO_CLASS
+from sarmitsuba.analysis.echo_labels import NO_CLASS
 from sarmitsuba.apps.datasets.draw import Drawer
 from sarmitsuba.apps.datasets.recipe import read_recipe
 from sarmitsuba.apps.datasets.sample import make_sample

@@ -6,7 +6,7 @@ from functools import cached_property
 from pathlib import Path
 
 from sarmitsuba.analysis.labels.classes import checked_classes
-from sarmitsuba.analysis.labels.echo_labels import ECHO_LAYERS, echo_labels
+from sarmitsuba.analysis.echo_labels import ECHO_LAYERS, echo_labels
 from sarmitsuba.analysis.labels.geometric_layers import (
     GEOMETRIC_LAYERS,
     SurfacePoints,

@@ -28,7 +28,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from sarmitsuba.analysis.labels import labels
 from sarmitsuba.analysis.labels.classes import classes_of_shapes, shape_names
-from sarmitsuba.analysis.labels.echo_labels import NO_CLASS
+from sarmitsuba.analysis.echo_labels import NO_CLASS
 from sarmitsuba.analysis.labels.makers import checked_layers
 from sarmitsuba.apps.datasets.draw import Drawer, PlacedShape
 from sarmitsuba.core.arrays import F64
