@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
-from sarmitsuba.analysis.labels.geometric_layers import SurfacePoints, surface_points
+from sarmitsuba.analysis.geometric_labels import SurfacePoints, surface_points
 from sarmitsuba.analysis.labels.owners import SceneOwners, SceneShapes
 from sarmitsuba.core.arrays import F32, F64, I64
 from sarmitsuba.core.constants import DEFAULT_WINDOW
@@ -23,7 +23,7 @@ from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.tracing.kernel.path_groups import MECHANISMS
 from collections.abc import Callable
 import scipy
-from sarmitsuba.analysis.labels.geometric_layers import SurfacePoints
+from sarmitsuba.analysis.geometric_labels import SurfacePoints
 from sarmitsuba.analysis.labels.ground_shapes import surface_samples
 from sarmitsuba.analysis.labels.owners import SceneShapes
 from sarmitsuba.analysis.labels.sight import SightLines

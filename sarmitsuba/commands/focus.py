@@ -315,7 +315,7 @@ def _run_hash_of(path: Path, raw: "RawData") -> str:
 
 def check_focusing(radar: "Radar", request: "ImageRequest", args: argparse.Namespace) -> None:
     """Raise a SarmitsubaError where the requested image cannot be focused, before its data are made or read."""
-    from sarmitsuba.analysis.labels.geometric_layers import check_labelled
+    from sarmitsuba.analysis.geometric_labels import check_labelled
     from sarmitsuba.commands import results
     from sarmitsuba.signal.focusing import default_grid
     from sarmitsuba.signal.focusing.focuser import parse_focuser

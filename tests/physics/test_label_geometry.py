@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.analysis.labels.geometric_layers import (
+from sarmitsuba.analysis.geometric_labels import (
     BOTH,
     LAYOVER,
     NO_SURFACE,

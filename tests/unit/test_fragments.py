@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from sarmitsuba.analysis.labels.fragments import Fragments, fragments
+from sarmitsuba.analysis.geometric_labels import Fragments, fragments
 from sarmitsuba.core.arrays import F64
 
 SHAPE = (47, 61)

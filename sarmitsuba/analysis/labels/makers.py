@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sarmitsuba.analysis.labels.classes import checked_classes
 from sarmitsuba.analysis.echo_labels import ECHO_LAYERS, echo_labels
-from sarmitsuba.analysis.labels.geometric_layers import (
+from sarmitsuba.analysis.geometric_labels import (
     GEOMETRIC_LAYERS,
     SurfacePoints,
     geometric_layers,
