@@ -52,10 +52,10 @@ if TYPE_CHECKING:
     from sarmitsuba.signal.focusing.operator import FocusingOperator, focusing_operator
     from sarmitsuba.signal.image import ImageGrid, SarImage
     from sarmitsuba.signal.pixel_labels import Labels
-    from sarmitsuba.signal.raw.raw_data import RawData
+    from sarmitsuba.signal.raw_data import RawData
+    from sarmitsuba.simulation.execution.passes import refine
     from sarmitsuba.simulation.execution.path_table import PathTable, trace_paths
     from sarmitsuba.simulation.execution.rcs import monostatic_rcs
-    from sarmitsuba.simulation.execution.passes import refine
     from sarmitsuba.simulation.execution.render import render, simulate
     from sarmitsuba.simulation.planning.prediction.prediction import explain
     from sarmitsuba.tracing.scatterers.wires.kind import WireTarget
@@ -85,7 +85,7 @@ _HOME = {
     "PointTarget": "sarmitsuba.scene.geometry",
     "RadarDescription": "sarmitsuba.radar.description",
     "RadarError": "sarmitsuba.core.errors",
-    "RawData": "sarmitsuba.signal.raw.raw_data",
+    "RawData": "sarmitsuba.signal.raw_data",
     "ResourceError": "sarmitsuba.core.errors",
     "SarImage": "sarmitsuba.signal.image",
     "SarmitsubaError": "sarmitsuba.core.errors",

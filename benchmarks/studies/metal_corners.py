@@ -28,10 +28,10 @@ from sarmitsuba.loading.load import load_scene
 from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.scene.mesh import metal_corners
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.execution.tracing import build_geometry
 from sarmitsuba.simulation.execution.error_bars import estimate_pass_error
 from sarmitsuba.simulation.execution.render import render
 from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.execution.tracing import build_geometry
 from sarmitsuba.tracing.kernel import scene_tables
 from tests.support.corners import drawn_corners
 

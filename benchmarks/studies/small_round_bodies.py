@@ -37,12 +37,11 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.metrics import image_error_db
+from sarmitsuba.simulation.execution.error_bars import add_error_bars
 from sarmitsuba.simulation.execution.image import Imager
 from sarmitsuba.simulation.execution.raw import echoes
-from sarmitsuba.simulation.execution.error_bars import add_error_bars
 from sarmitsuba.simulation.execution.run import Run
-from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
-from sarmitsuba.simulation.execution.turntable import turntable_scene
+from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep, turntable_scene
 from sarmitsuba.truth.theory import sphere_mie
 from sarmitsuba.truth.validation import targets
 from sarmitsuba.truth.validation.measured import bodies

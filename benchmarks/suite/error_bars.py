@@ -228,11 +228,11 @@ def _designs(report: harness.Report, rows: list[dict]) -> None:  # type: ignore[
 
 def _rows(whole, name: str, share: float, factors, runs: int) -> list[dict]:  # type: ignore[no-untyped-def, type-arg]
     """True and estimated error of every run, by factor."""
-    from sarmitsuba.apps.cost.trials import TrialSetting, mean_image
+    from sarmitsuba.apps.cost_trials import TrialSetting, mean_image
     from sarmitsuba.signal.focusing import default_grid
-    from sarmitsuba.signal.raw.raw_data import Layer
-    from sarmitsuba.simulation.execution.image import Imager
+    from sarmitsuba.signal.raw_data import Layer
     from sarmitsuba.simulation.execution.error_bars import estimate_error
+    from sarmitsuba.simulation.execution.image import Imager
     from sarmitsuba.simulation.execution.run import Run
     from sarmitsuba.simulation.planning.pilot import plan_scene
     from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from sarmitsuba.apps.cost.trials import TrialSetting
+    from sarmitsuba.apps.cost_trials import TrialSetting
     from sarmitsuba.apps.datasets.draw import Drawer
     from sarmitsuba.scene.scene import Scene
 
@@ -183,7 +183,7 @@ def make_samples(folder: Path) -> None:
 
     from sarmitsuba.files import write_image, write_raw
     from sarmitsuba.loading.load import load_scene
-    from sarmitsuba.signal.raw.raw_data import Layer
+    from sarmitsuba.signal.raw_data import Layer
     from sarmitsuba.simulation.execution.passes import Passes
     from sarmitsuba.simulation.execution.render import simulate
     from tests.support.unweighted import focus
@@ -374,7 +374,7 @@ def resumed_scene() -> "Scene":
 
 def resumed_setting() -> "TrialSetting":
     """The setting of the trial in a journal."""
-    from sarmitsuba.apps.cost.trials import TrialSetting
+    from sarmitsuba.apps.cost_trials import TrialSetting
 
     return TrialSetting({"method": "image", "max_depth": 2})
 
@@ -420,11 +420,10 @@ def _make_graph(folder: Path) -> None:
 
 def _make_journals(folder: Path) -> None:
     """What an interrupted run, cost study and data set leave."""
-    from sarmitsuba.apps.cost.clock import WorkClock
-    from sarmitsuba.apps.cost.trials import Trials
+    from sarmitsuba.apps.cost_trials import Trials, WorkClock
     from sarmitsuba.apps.datasets.recipe import PART_NAMES
-    from sarmitsuba.apps.datasets.store import SampleForm, append
     from sarmitsuba.apps.datasets.sample import make_sample
+    from sarmitsuba.apps.datasets.store import SampleForm, append
     from sarmitsuba.machine.journal import Journal
     from sarmitsuba.simulation.execution.render import simulate
 

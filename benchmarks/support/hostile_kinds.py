@@ -147,7 +147,7 @@ def _passes(path: Path) -> object:
     """Passes, which must be as the run of the samples writes them."""
     import numpy as np
 
-    from sarmitsuba.signal.raw.raw_data import Layer
+    from sarmitsuba.signal.raw_data import Layer
     from sarmitsuba.simulation.execution.passes import Passes, PassLayout
 
     layout = PassLayout((Layer("VV"),), *PASSES_SHAPE, 10.0)
@@ -236,8 +236,7 @@ def _blocks(path: Path) -> object:
 def _trials(path: Path) -> object:
     import numpy as np
 
-    from sarmitsuba.apps.cost.clock import WorkClock
-    from sarmitsuba.apps.cost.trials import Trials
+    from sarmitsuba.apps.cost_trials import Trials, WorkClock
 
     trials = Trials(WorkClock(), path, "one")
     try:

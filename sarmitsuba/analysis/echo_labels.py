@@ -3,34 +3,29 @@
 Boxes of shapes in an image, the share of each that the antenna sees, and the pixels in its shadow alone.
 """
 
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+
 import numpy as np
+import scipy
 from numpy.typing import NDArray
+
 from sarmitsuba.analysis.geometric_labels import SurfacePoints, surface_points
-from sarmitsuba.analysis.labels.owners import SceneOwners, SceneShapes
-from sarmitsuba.core.arrays import F32, F64, I64
+from sarmitsuba.analysis.label_owners import SceneOwners, SceneShapes
+from sarmitsuba.analysis.label_sight import SightLines, surface_samples
+from sarmitsuba.core.arrays import F32, F64, I64, unit_rows
 from sarmitsuba.core.constants import DEFAULT_WINDOW
 from sarmitsuba.core.errors import DataError, RadarError
 from sarmitsuba.machine.exclusive import exclusive
+from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.signal.focusing.placement import ImagePlacement
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.pixel_labels import LabelLayer, LabelledInstance
 from sarmitsuba.simulation.execution.grouped_look import GroupedLook
 from sarmitsuba.simulation.execution.image import Imager
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.tracing.kernel.path_groups import MECHANISMS
-from collections.abc import Callable
-import scipy
-from sarmitsuba.analysis.geometric_labels import SurfacePoints
-from sarmitsuba.analysis.labels.ground_shapes import surface_samples
-from sarmitsuba.analysis.labels.owners import SceneShapes
-from sarmitsuba.analysis.labels.sight import SightLines
-from sarmitsuba.core.arrays import F64, I64, unit_rows
-from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.signal.focusing.placement import ImagePlacement
-
 
 # places on a shape whose sight decides its visible share
 PLACES = 1024

@@ -8,8 +8,8 @@ import numpy as np
 
 from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.core.witness import Witness
+from sarmitsuba.signal.gridding import gridding_kernel
 from sarmitsuba.signal.image import SarImage
-from sarmitsuba.signal.raw.gridding import gridding_kernel
 
 # kinds of a figure: found in this run on so many samples; never exceeded; foretold by a law that this run did not check
 MEASURED, BOUND, LAW, UNKNOWN = "measured here", "bound", "law", "not measured"

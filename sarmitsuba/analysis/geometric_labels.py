@@ -3,12 +3,14 @@
 Triangles cut into the pixels of an image: the points of surfaces at which a pixel's centre shows them.
 """
 
-
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
-from sarmitsuba.analysis.labels.sight import SightLines
+
+from sarmitsuba.analysis.label_sight import SightLines
 from sarmitsuba.core.arrays import F64, I64
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.radar import Radar
@@ -19,9 +21,6 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.placement import ImagePlacement
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.pixel_labels import LabelLayer
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
-
 
 # largest error, in pixels, of a linear map from the image to a triangle
 BENT = 0.02

@@ -39,7 +39,7 @@ from sarmitsuba.signal.focusing.focuser import Auto, Focused, Focuser, FocusTask
 from sarmitsuba.signal.focusing.focusers.backprojection import Backprojection
 from sarmitsuba.signal.focusing.pixel_tiles import TILE_PIXELS, Tiles
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.threads import n_threads
+from sarmitsuba.signal.threads import n_threads
 from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, Traced, TraceJob
 from sarmitsuba.simulation.planning.prediction.needs import duration
 from sarmitsuba.simulation.planning.prediction.prediction import Prediction

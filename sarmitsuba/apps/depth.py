@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sarmitsuba.apps.cost.trials import TrialSetting, run_trial
+from sarmitsuba.apps.cost_trials import TrialSetting, run_trial
 from sarmitsuba.core.arrays import C64
 from sarmitsuba.core.errors import SarmitsubaWarning, SceneError
 from sarmitsuba.core.progress import Progress, silent

@@ -8,7 +8,7 @@ from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
 
 if TYPE_CHECKING:
-    from sarmitsuba.apps.cost.report import CostReport
+    from sarmitsuba.apps.cost_report import CostReport
     from sarmitsuba.machine.output import OutputFolder
 
 NAME = "cost"
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         raise SceneError(f"cost: --target-error = {args.target_error:g} dB must be below 0")
     if args.resume and not args.output:
         raise SceneError("cost: --resume needs -o OUT, the folder of the earlier study")
-    from sarmitsuba.apps.cost.study import study_cost
+    from sarmitsuba.apps.cost import study_cost
     from sarmitsuba.machine.journal import remove_journal
     from sarmitsuba.machine.output import output_folder
     from sarmitsuba.simulation.execution.fingerprint import fingerprint

@@ -11,7 +11,7 @@ from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
 
 if TYPE_CHECKING:
     from sarmitsuba.apps.fit.least_squares import Prior
-    from sarmitsuba.signal.raw.raw_data import RawData
+    from sarmitsuba.signal.raw_data import RawData
     from sarmitsuba.view.figure import Figure
 
 NAME = "fit"

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from sarmitsuba.radar.radar import Radar
     from sarmitsuba.signal.focusing.comparison import Alternative
     from sarmitsuba.signal.focusing.focuser import Focuser
-    from sarmitsuba.signal.raw.raw_data import RawData
+    from sarmitsuba.signal.raw_data import RawData
 
 # every focuser and their comparison; the image of the run is the reference focuser's
 _ALL, COMPARISON = "all", "focusers.png"
@@ -301,7 +301,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 def _run_hash_of(path: Path, raw: "RawData") -> str:
     """Run hash of raw data without one: from the file and the one it names, or from the files in the folder."""
-    from sarmitsuba.signal.raw.raw_data import DATA_FILE
+    from sarmitsuba.signal.raw_data import DATA_FILE
 
     files = sorted(path.iterdir()) if os.path.isdir(path) else [path]
     if DATA_FILE in raw.metadata:

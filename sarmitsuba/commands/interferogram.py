@@ -140,7 +140,7 @@ def _second(given: Path, first: "SarImage", channel: str | None, console: Consol
     from sarmitsuba.core.errors import DataError
     from sarmitsuba.files import read_image, read_raw
     from sarmitsuba.signal.focusing import focus
-    from sarmitsuba.signal.raw.raw_data import Layer
+    from sarmitsuba.signal.raw_data import Layer
 
     found, raw = files_of_run(given) if os.path.isdir(given) else (given, None)
     if found is not None or raw is None:

@@ -109,8 +109,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.machine.output import output_folder
     from sarmitsuba.radar.polarisation import read_channels
     from sarmitsuba.signal.focusing.windows import parse_window
-    from sarmitsuba.simulation.execution.turntable import rcs_sweep
-    from sarmitsuba.simulation.execution.turntable import image_refusal
+    from sarmitsuba.simulation.execution.turntable import image_refusal, rcs_sweep
 
     aspects = _aspects(args)
     channels = read_channels(args.pol, "rcs")

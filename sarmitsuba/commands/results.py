@@ -25,7 +25,7 @@ from sarmitsuba.machine import output as parameter_file
 from sarmitsuba.machine.output import OutputFolder
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.image import SarImage
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution.error_bars import add_error_bars
 from sarmitsuba.view.display import LARGEST, SMALLEST, PictureOptions, magnification
 
@@ -128,8 +128,8 @@ def least_bytes(scene: "Scene", formats: Formats, *, raw: bool, image: bool, chi
 
     Raw data count twice, for their finished blocks; ``chirped`` ones are longer by the pulse.
     """
+    from sarmitsuba.signal.chirp import n_fast_chirped
     from sarmitsuba.signal.focusing import default_grid
-    from sarmitsuba.signal.raw.chirp import n_fast_chirped
 
     subsets = scene.settings.keep_subsets and scene.traced
     planes = len(scene.radar.channels) * (3 if subsets else 1)

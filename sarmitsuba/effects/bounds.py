@@ -3,19 +3,18 @@
 Upper bounds of the coherent return of rough faces in one resolution cell, from the geometry alone.
 """
 
-
 from dataclasses import dataclass
+
 import numpy as np
-from sarmitsuba.core.arrays import F64, unit_rows
-from sarmitsuba.scene.materials.wedge import LARGEST_FRINGE, fringe_bound
-from sarmitsuba.scene.mesh.sharp_edges import SharpEdges
 from numpy.typing import NDArray
-from sarmitsuba.core.arrays import F64
+
+from sarmitsuba.core.arrays import F64, unit_rows
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.context import PilotResult, SceneContext
 from sarmitsuba.scene.materials.diffuse import diffuse_tables
 from sarmitsuba.scene.materials.map_materials import list_with_parts
-
+from sarmitsuba.scene.materials.wedge import LARGEST_FRINGE, fringe_bound
+from sarmitsuba.scene.mesh.sharp_edges import SharpEdges
 
 # margin of the fringe coefficients between two examined positions, amplitude
 MARGIN = 1.15

@@ -3,19 +3,18 @@
 Search for slabs that transmit waves to objects behind them.
 """
 
-
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+
 import numpy as np
+
 from sarmitsuba.core.arrays import F64, box_corners
 from sarmitsuba.core.units import amplitude_from_db, db_from_power, power_from_db
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.materials.material import Material
-from sarmitsuba.scene.scene import Scene
-from sarmitsuba.core.arrays import F64
 from sarmitsuba.scene.materials.slab import lets_through
-
+from sarmitsuba.scene.scene import Scene
 
 # faces up to this many thicknesses behind one of the same material may be the other face of its slab
 SAME_SLAB = 1.5

@@ -17,10 +17,8 @@ from sarmitsuba.core.units import db_from_amplitude
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.effects.omitted_waves import polarisation_vectors
 from sarmitsuba.radar.polarisation import linear_parts
-from sarmitsuba.scene.mesh.topology import label_connected
-from sarmitsuba.scene.mesh.topology import edge_pairs
 from sarmitsuba.scene.mesh.sharp_edges import WIDEST_GAP
-from sarmitsuba.scene.mesh.topology import weld
+from sarmitsuba.scene.mesh.topology import edge_pairs, label_connected, weld
 
 # rad, angles between two faces that are taken as a fold, and how near to a right angle rays are right
 SHARPEST, FLATTEST, ABOUT_RIGHT = math.radians(20.0), math.radians(155.0), math.radians(0.25)

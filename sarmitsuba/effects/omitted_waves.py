@@ -8,13 +8,10 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.core.arrays import F64, I64, unit_rows
-from sarmitsuba.scene.mesh.topology import label_connected
-from sarmitsuba.scene.mesh.smooth_surface import facet_curvature
-from sarmitsuba.scene.mesh.topology import edge_pairs
 from sarmitsuba.scene.mesh.pieces import SMOOTH_BEND, piece_of
-from sarmitsuba.scene.mesh.sharp_edges import WIDEST_GAP, SharpEdges, sharp_edges
-from sarmitsuba.scene.mesh.sharp_edges import ONE_EDGE
-from sarmitsuba.scene.mesh.topology import weld
+from sarmitsuba.scene.mesh.sharp_edges import ONE_EDGE, WIDEST_GAP, SharpEdges, sharp_edges
+from sarmitsuba.scene.mesh.smooth_surface import facet_curvature
+from sarmitsuba.scene.mesh.topology import edge_pairs, label_connected, weld
 
 # lines that are evaluated at most: of more, curved ones are thinned out
 MOST_LINES = 3000

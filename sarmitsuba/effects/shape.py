@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64, I32, I64
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.mesh.convexity import SLACK, face_edges, is_convex_body, merge_vertices, one_sided
 from sarmitsuba.scene.mesh.facet_edges import enclosed_volume, is_closed
 from sarmitsuba.scene.mesh.topology import label_connected
-from sarmitsuba.scene.mesh.convexity import SLACK, face_edges, is_convex_body, merge_vertices, one_sided
 
 # products of planes and vertices that a proof may cost; 5e7 take about 0.2 s
 _MAX_PRODUCTS = 50_000_000

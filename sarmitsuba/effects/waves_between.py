@@ -9,11 +9,9 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64, I64, unit_rows
 from sarmitsuba.effects.omitted_waves import PLANE, MetalLines, coherent_square, soft_share
-from sarmitsuba.scene.mesh.topology import label_connected
-from sarmitsuba.scene.mesh.topology import edge_pairs
 from sarmitsuba.scene.mesh.pieces import SMOOTH_BEND
 from sarmitsuba.scene.mesh.sharp_edges import WIDEST_GAP
-from sarmitsuba.scene.mesh.topology import weld
+from sarmitsuba.scene.mesh.topology import edge_pairs, label_connected, weld
 
 # points on lines, faces examined with all of them (the largest flat ones, and as many curved ones), other flat faces
 # that are examined with the points nearest to them, and products of directions with pairs of both at most

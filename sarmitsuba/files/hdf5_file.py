@@ -5,30 +5,29 @@ Dataclasses as groups of an HDF5 file, and safe reading of datasets from untrust
 Numbers are datasets with the attributes ``unit`` and ``description``, texts are attributes of the group.
 """
 
-
+import dataclasses
+import math
 import os
+import typing
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
+
 import h5py
 import numpy as np
 from h5py._objects import phil as h5py_lock
+
+from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import DataError, RadarError
 from sarmitsuba.core.parameters import one_line
 from sarmitsuba.machine.atomic import atomic_path
 from sarmitsuba.machine.guarded import GuardedFile
 from sarmitsuba.machine.isolated import survive
 from sarmitsuba.radar.geodesy import Anchor
+from sarmitsuba.radar.utc import utc_of, utc_text
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.version import __version__
-import dataclasses
-import math
-import typing
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, TypeVar
-from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.errors import DataError
-from sarmitsuba.radar.utc import utc_of, utc_text
+
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 

@@ -3,15 +3,16 @@
 Optional packages of the extra ``formats``, imported when needed.
 """
 
-
-import numpy as np
-from sarmitsuba.core.constants import SPEED_OF_LIGHT
-from sarmitsuba.radar.utc import utc_text
-from sarmitsuba.signal.image import SarImage
-from sarmitsuba.signal.raw.raw_data import RawData
 import importlib
 from types import ModuleType
+
+import numpy as np
+
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.radar.utc import utc_text
+from sarmitsuba.signal.image import SarImage
+from sarmitsuba.signal.raw_data import RawData
 
 
 def formats_package(module: str, what: str) -> ModuleType:

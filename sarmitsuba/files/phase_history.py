@@ -3,16 +3,21 @@
 Variables of a MATLAB file (version 7 or older), from anybody.
 """
 
-
 import warnings
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+
 from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import DataError, SarmitsubaWarning
+from sarmitsuba.core.parameters import one_line
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.mode import MODES, AimGeometry
@@ -22,13 +27,7 @@ from sarmitsuba.radar.utc import DEFAULT_EPOCH
 from sarmitsuba.radar.validity import FARTHEST
 from sarmitsuba.radar.waveform import Waveform
 from sarmitsuba.signal.image import UNCALIBRATED
-from sarmitsuba.signal.raw.raw_data import AutofocusRecords, Layer, RawData
-import zlib
-from pathlib import Path
-from typing import Any
-from sarmitsuba.core.errors import DataError
-from sarmitsuba.core.parameters import one_line
-
+from sarmitsuba.signal.raw_data import AutofocusRecords, Layer, RawData
 
 # samples per range cell of the profiles: a gap between the band and its repetition, for interpolation
 _OVERSAMPLING = 1.25

@@ -17,9 +17,7 @@ from sarmitsuba.core.errors import DataError, SceneError
 from sarmitsuba.core.parameters import one_line
 from sarmitsuba.machine.isolated import survive
 from sarmitsuba.machine.regular_files import check_regular, is_inside, read_bytes
-from sarmitsuba.scene.mesh.formats import ObjMesh, read_obj
-from sarmitsuba.scene.mesh.formats import read_ply
-from sarmitsuba.scene.mesh.formats import read_serialized
+from sarmitsuba.scene.mesh.formats import ObjMesh, read_obj, read_ply, read_serialized
 
 if TYPE_CHECKING:
     import trimesh

@@ -3,23 +3,20 @@
 File names, parameters and sizes in the text of a scene file, read as Mitsuba's parser reads them.
 """
 
-
 import os
+import re
 import stat
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from xml.parsers import expat
+
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.core.parameters import one_line
 from sarmitsuba.loading.elements import Element
 from sarmitsuba.loading.library import scenes_dir, shipped_radar
 from sarmitsuba.loading.maps import MAP_NAMES, map_file
-from sarmitsuba.machine.regular_files import check_regular, is_inside
-import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from xml.parsers import expat
-from sarmitsuba.machine.regular_files import read_bytes
-
+from sarmitsuba.machine.regular_files import check_regular, is_inside, read_bytes
 
 # bytes of a scene file
 LARGEST_SCENE = 1 << 28

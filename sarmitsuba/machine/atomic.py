@@ -3,24 +3,21 @@
 Files and folders of a run that a signal ends: what is removed, and what it resumes from.
 """
 
-
 import errno
 import itertools
+import json
+import mmap
 import os
 import re
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO
-from sarmitsuba.core.errors import OutputError
-from sarmitsuba.machine.regular_files import check_text
-import json
-import mmap
-from collections.abc import Callable, Iterator
-from sarmitsuba.core.errors import SarmitsubaError
 
+from sarmitsuba.core.errors import OutputError, SarmitsubaError
+from sarmitsuba.machine.regular_files import check_text
 
 # bytes of the list that both processes see: a mark, and the paths as JSON up to the first null character
 _SHARED = 1 << 16

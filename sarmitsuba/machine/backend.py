@@ -3,33 +3,35 @@
 Folder of Dr.Jit's compiled kernels: in the home folder, or another one if that is not writable.
 """
 
-
 import ctypes
 import importlib
 import importlib.metadata
 import os
 import platform
 import re
+import stat
 import sys
+import tempfile
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
+
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import BackendError, SarmitsubaWarning
 from sarmitsuba.machine.exclusive import check_backend_kept
 from sarmitsuba.machine.memory import check_limits, share_one_heap
-import stat
-import tempfile
-from sarmitsuba.core.errors import SarmitsubaWarning
+
 if TYPE_CHECKING:
     import drjit as dr
     import mitsuba as mi
-    Array = TypeVar('Array')
+
+    Array = TypeVar("Array")
 
 
 CACHE_VARIABLE = "DRJIT_CACHE_DIR"

@@ -10,9 +10,9 @@ from functools import partial
 from pathlib import Path
 
 from sarmitsuba.core.errors import DataError, ResourceError
+from sarmitsuba.machine.atomic import removed_if_stopped
 from sarmitsuba.machine.exclusive import backend_lock, fork_for_trial
 from sarmitsuba.machine.regular_files import most_unpacked
-from sarmitsuba.machine.atomic import removed_if_stopped
 
 # allowed CPU time, s: a hundred times that of any intact file, plus a share by the size of the file
 _LEAST_LIMIT = 5

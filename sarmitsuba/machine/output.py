@@ -5,33 +5,24 @@ Exclusive writing in a folder, and removal of temporary files of killed writers.
 parameters.json: record of a run's parameters and results.
 """
 
-
+import errno
+import json
 import os
 import re
 import shutil
 import stat
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
+from typing import Any
+
 from sarmitsuba.core.errors import OutputError, SarmitsubaWarning
 from sarmitsuba.core.parameters import one_line
-from sarmitsuba.machine.atomic import make_folder, part_name
-from sarmitsuba.machine.encoding import json_value
-from sarmitsuba.machine.regular_files import check_text, read_text
-from sarmitsuba.machine.atomic import removed_if_stopped
-import errno
-from collections.abc import Iterator
-from sarmitsuba.core.errors import OutputError
-from sarmitsuba.machine.atomic import process_of_part
-import json
-from collections.abc import Mapping
-from typing import Any
-from sarmitsuba.machine.atomic import atomic_path
+from sarmitsuba.machine.atomic import atomic_path, make_folder, part_name, process_of_part, removed_if_stopped
 from sarmitsuba.machine.encoding import json_value, to_json
-from sarmitsuba.machine.regular_files import read_text
-
+from sarmitsuba.machine.regular_files import check_text, read_text
 
 try:
     import fcntl

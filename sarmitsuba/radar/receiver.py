@@ -88,7 +88,7 @@ def moving_in_pulse(radar: Radar) -> Radar:
     .. math:: \mathbf r(t) = \mathbf x(t + D), \quad D = 2 R_{aim} / c
 
     The times of the track are those of transmission. Echoes from other ranges arrive earlier or later than D; the
-    difference is added to each by its range and range rate (:mod:`sarmitsuba.signal.raw.pulse_motion`).
+    difference is added to each by its range and range rate (:mod:`sarmitsuba.signal.pulse_motion`).
 
     Notes
     -----

@@ -15,8 +15,7 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.materials.material import Material
-from sarmitsuba.scene.mesh.topology import label_connected
-from sarmitsuba.scene.mesh.topology import weld
+from sarmitsuba.scene.mesh.topology import label_connected, weld
 from sarmitsuba.scene.motion import STILL
 from sarmitsuba.scene.scene import Scene
 

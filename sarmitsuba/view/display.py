@@ -13,7 +13,7 @@ from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.parameters import did_you_mean
 from sarmitsuba.core.units import amplitude_from_db, db_from_power, power_from_db
 from sarmitsuba.signal.image import SarImage, ShownAxes, backscatter, block_means
-from sarmitsuba.signal.raw.raw_data import Layer
+from sarmitsuba.signal.raw_data import Layer
 
 Quantity = Literal["sigma0", "gamma0", "beta0", "rcs", "amplitude", "phase"]
 QUANTITIES: tuple[str, ...] = get_args(Quantity)

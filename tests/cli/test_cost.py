@@ -6,15 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from sarmitsuba.apps.cost.clock import WorkClock
-from sarmitsuba.apps.cost.study import study_cost
+from sarmitsuba.apps.cost import study_cost
+from sarmitsuba.apps.cost_trials import WorkClock
 from sarmitsuba.cli import main
 
 
 @pytest.fixture(autouse=True)
 def counted_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     """Budgets buy the same runs on every machine."""
-    monkeypatch.setattr("sarmitsuba.apps.cost.study.study_cost", partial(study_cost, clock=WorkClock()))
+    monkeypatch.setattr("sarmitsuba.apps.cost.study_cost", partial(study_cost, clock=WorkClock()))
 
 
 @pytest.mark.slow

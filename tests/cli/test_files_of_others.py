@@ -49,9 +49,9 @@ def test_passes_of_others_are_refused_before_the_simulation(
 @pytest.mark.parametrize(
     ("command", "name", "work"),
     [
-        ("cost plate -o {out}", "cost.md", "sarmitsuba.apps.cost.study.study_cost"),
-        ("cost plate -o {out}", "cost.json", "sarmitsuba.apps.cost.study.study_cost"),
-        ("cost plate -o {out}", "cost.png", "sarmitsuba.apps.cost.study.study_cost"),
+        ("cost plate -o {out}", "cost.md", "sarmitsuba.apps.cost.study_cost"),
+        ("cost plate -o {out}", "cost.json", "sarmitsuba.apps.cost.study_cost"),
+        ("cost plate -o {out}", "cost.png", "sarmitsuba.apps.cost.study_cost"),
         (
             "validate --case plate -o {out}",
             "images/validation/plate.png",

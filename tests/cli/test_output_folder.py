@@ -18,7 +18,7 @@ from sarmitsuba.machine.journal import Journal
 from sarmitsuba.machine.output import MANIFEST
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.image import SarImage
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 
 def render(out: Path, *options: str) -> int:

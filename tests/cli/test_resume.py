@@ -21,7 +21,7 @@ from sarmitsuba.files import read_image, read_raw
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.machine.output import MANIFEST, OutputFolder, output_folder
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution import tracing, witnesses
 from sarmitsuba.simulation.execution import tracing as batches
 from sarmitsuba.simulation.execution.blocks import Blocks

@@ -18,7 +18,7 @@ from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.focusing.windows import parse_window
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.metrics import coherence
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.view.page.quantised_profiles import page_center, page_grid, page_profiles
 
 FOCUS = """

@@ -17,7 +17,7 @@ from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.pattern import PATTERNS, Pattern
 from sarmitsuba.signal.focusing.windows import parse_window
 from sarmitsuba.signal.image import ImageGrid, SarImage
-from sarmitsuba.signal.raw.raw_data import Layer
+from sarmitsuba.signal.raw_data import Layer
 from sarmitsuba.view.page.paths import locate_on_plane
 from sarmitsuba.view.page.payload import side_lobes
 from sarmitsuba.view.page.quantised_profiles import page_grid, sample_beam

@@ -15,7 +15,7 @@ from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution.path_table import KINDS, trace_paths
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth import theory

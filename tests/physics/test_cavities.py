@@ -10,10 +10,10 @@ from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.execution.tracing import Batch
 from sarmitsuba.simulation.execution.blocks import Blocks
 from sarmitsuba.simulation.execution.rcs import BouncesLeft, monostatic_rcs
 from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.execution.tracing import Batch
 from sarmitsuba.simulation.planning.pilot import plan_scene
 from sarmitsuba.truth.validation import targets
 from sarmitsuba.truth.validation.band_sampling import X_BAND

@@ -7,9 +7,9 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.signal.chirp import to_chirped
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.metrics import coherence, point_target_in
-from sarmitsuba.signal.raw.chirp import to_chirped
 from sarmitsuba.simulation.execution.tracing import MAX_GRID_BYTES
 from tests.support.unweighted import focus
 

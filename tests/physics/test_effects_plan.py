@@ -16,8 +16,7 @@ from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.mesh.tessellate import cube, sphere
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.planning.pilot import plan_scene, run_pilot
-from sarmitsuba.simulation.planning.pilot import CHANNELS, patch_echoes, place_patches
+from sarmitsuba.simulation.planning.pilot import CHANNELS, patch_echoes, place_patches, plan_scene, run_pilot
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.tracing.kernel.scene_tables import build_trace_scene
 

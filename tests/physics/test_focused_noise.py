@@ -16,8 +16,8 @@ from sarmitsuba.signal.focusing.focuser import FOCUSERS
 from sarmitsuba.signal.focusing.ideal import ideal_echoes
 from sarmitsuba.signal.focusing.windows import parse_window
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.noise import add_noise
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.noise import add_noise
+from sarmitsuba.signal.raw_data import Layer, RawData
 from tests.support.geometries import random_geometry
 from tests.support.unweighted import focus
 

@@ -21,7 +21,7 @@ from sarmitsuba.signal.focusing.windows import parse_window
 from sarmitsuba.signal.focusing.witness import sum_exactly
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.metrics import image_error_db
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.raw_data import Layer, RawData
 from tests.support.draws import few_of
 from tests.support.geometries import random_geometry
 from tests.support.unweighted import focus

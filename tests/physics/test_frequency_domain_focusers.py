@@ -21,7 +21,7 @@ from sarmitsuba.signal.focusing.profiles import plan_spectrum
 from sarmitsuba.signal.focusing.windows import parse_window
 from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.metrics import PointTargetMetrics, image_error_db, point_target
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 from tests.support.draws import few_of
 from tests.support.geometries import random_geometry
 from tests.support.unweighted import focus

@@ -21,7 +21,7 @@ from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.signal.focusing.focuser import FOCUSERS
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject
 from sarmitsuba.signal.focusing.grid import default_grid
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution.path_table import trace_paths
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth import theory

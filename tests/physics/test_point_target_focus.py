@@ -10,6 +10,7 @@ from sarmitsuba.core.errors import DataError, SarmitsubaWarning
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
+from sarmitsuba.signal.chirp import to_chirped
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject
 from sarmitsuba.signal.focusing.focusers.omega_k import omega_k
@@ -18,8 +19,7 @@ from sarmitsuba.signal.focusing.profiles import band_weights
 from sarmitsuba.signal.focusing.windows import parse_window
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.metrics import image_error_db, point_target_in
-from sarmitsuba.signal.raw.chirp import to_chirped
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.raw_data import Layer, RawData
 from tests.support.draws import few_of
 from tests.support.unweighted import focus
 

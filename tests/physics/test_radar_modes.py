@@ -16,7 +16,7 @@ from sarmitsuba.scene.mesh.tessellate import cube
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.metrics import image_error_db
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation.chain import bandwidth, chain, make_scene

@@ -11,8 +11,7 @@ from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.scene.mesh import pieces
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.execution.turntable import Aspects, RcsSweep, rcs_sweep
-from sarmitsuba.simulation.execution.turntable import turntable_scene
+from sarmitsuba.simulation.execution.turntable import Aspects, RcsSweep, rcs_sweep, turntable_scene
 from sarmitsuba.simulation.planning.sampling.rays import MARGIN_DB, finer_spacing, fitting_spacing
 from sarmitsuba.truth.validation import targets
 from sarmitsuba.truth.validation.measured import bodies

@@ -13,8 +13,13 @@ from sarmitsuba.machine.backend import dr
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.execution.turntable import Aspects, RcsSweep, rcs_sweep
-from sarmitsuba.simulation.execution.turntable import image_refusal, turntable_scene
+from sarmitsuba.simulation.execution.turntable import (
+    Aspects,
+    RcsSweep,
+    image_refusal,
+    rcs_sweep,
+    turntable_scene,
+)
 from sarmitsuba.truth import theory as theory_of_pairs
 from sarmitsuba.truth.theory import canonical_rcs as theory
 from sarmitsuba.truth.validation import targets

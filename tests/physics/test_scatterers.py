@@ -16,9 +16,9 @@ from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import default_grid
-from sarmitsuba.simulation.execution.tracing import AntennaStates
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.execution.tracing import AntennaStates
 from sarmitsuba.simulation.planning.sampling.density_plan import CELLS_PER_RESOLUTION
 from sarmitsuba.tracing.kernel.source import Launch, launches
 from sarmitsuba.tracing.kernel.state import Contribution

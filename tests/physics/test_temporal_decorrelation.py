@@ -15,7 +15,7 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.mesh.tessellate import cube
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.raw.noise import noise_generator
+from sarmitsuba.signal.noise import noise_generator
 from sarmitsuba.simulation.execution.rcs import monostatic_rcs
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.tracing.kernel.speckle import gaussian, mix

@@ -16,7 +16,7 @@ from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.materials.named_materials import MATERIALS
-from sarmitsuba.signal.raw.sub_bands import SubBands
+from sarmitsuba.signal.sub_bands import SubBands
 from sarmitsuba.simulation.execution.path_table import trace_paths
 from sarmitsuba.truth import theory
 from tests.support.unweighted import focus, render

@@ -13,7 +13,7 @@ from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.metrics import image_error_db
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution import witnesses
 from sarmitsuba.simulation.execution.ray_witness import halved_plan
 from sarmitsuba.simulation.execution.render import simulate

@@ -17,6 +17,7 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.receiver import moving_in_pulse
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.signal.chirp import n_fast_chirped
 from sarmitsuba.signal.focusing import FOCUSERS, default_grid, focus
 from sarmitsuba.signal.focusing.focuser import FocusTask, parse_focuser
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject_numpy
@@ -25,8 +26,7 @@ from sarmitsuba.signal.focusing.pixel_tiles import plan_line
 from sarmitsuba.signal.focusing.profiles import plan_profiles
 from sarmitsuba.signal.focusing.windows import parse_window
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.chirp import n_fast_chirped
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.raw_data import Layer, RawData
 
 # every focuser with every option that changes what it computes
 NAMES = (

@@ -13,9 +13,9 @@ from sarmitsuba.radar.link_budget import nesz, received_power, snr
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
-from sarmitsuba.signal.raw.chirp import chirp_spectrum, n_fast_chirped, pulse_samples, to_chirped
-from sarmitsuba.signal.raw.noise import add_noise, noise_power
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.chirp import chirp_spectrum, n_fast_chirped, pulse_samples, to_chirped
+from sarmitsuba.signal.noise import add_noise, noise_power
+from sarmitsuba.signal.raw_data import Layer, RawData
 
 
 def _radar(n_pulses=2, n_samples=400, bandwidth=150e6, pulse_width=4e-6, oversampling=1.2, **others):

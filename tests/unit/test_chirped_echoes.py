@@ -13,7 +13,7 @@ from sarmitsuba.analysis.image_quality import image_quality
 from sarmitsuba.analysis.point_quality import KnownPoint
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.files import read_raw, write_raw
-from sarmitsuba.signal.raw.doppler_estimate import estimate_doppler
+from sarmitsuba.signal.doppler_estimate import estimate_doppler
 from tests.support.draws import few_of
 from tests.support.unweighted import focus
 

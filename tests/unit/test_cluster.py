@@ -28,7 +28,7 @@ from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.focusing.focuser import FocusTask
 from sarmitsuba.signal.focusing.focusers.backprojection import Backprojection, backproject
 from sarmitsuba.signal.focusing.windows import parse_window
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.raw_data import Layer, RawData
 from sarmitsuba.simulation.execution.tracing import Batch, Traced, TraceJob
 
 FEW = {"azimuth_resolution": "1.5", "image_extent_azimuth": "24"}

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene
-from sarmitsuba.apps.cost import trials as trials_module
-from sarmitsuba.apps.cost.model import correct_predictions
-from sarmitsuba.apps.cost.report import Candidate, CostReport, ProofRun, beaten, recommend
-from sarmitsuba.apps.cost.study import study_cost
-from sarmitsuba.apps.cost.trials import Changes, Trial, Trials, TrialSetting
+from sarmitsuba.apps import cost_trials as trials_module
+from sarmitsuba.apps.cost import study_cost
+from sarmitsuba.apps.cost_model import correct_predictions
+from sarmitsuba.apps.cost_report import Candidate, CostReport, ProofRun, beaten, recommend
+from sarmitsuba.apps.cost_trials import Changes, Trial, Trials, TrialSetting
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.focusing.focuser import parse_focuser

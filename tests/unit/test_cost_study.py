@@ -7,12 +7,19 @@ import numpy as np
 import pytest
 
 from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene
-from sarmitsuba.apps.cost.clock import MeasuredClock, WorkClock
-from sarmitsuba.apps.cost.model import CostModel, correct_predictions
-from sarmitsuba.apps.cost.report import Candidate, ProofRun, Reference, options_of, pareto, recommend
-from sarmitsuba.apps.cost.study import REFERENCES, field_of_proof, reference_depth, study_cost
-from sarmitsuba.apps.cost.sweeps import LEAST_DEPTH, SPACINGS, depths
-from sarmitsuba.apps.cost.trials import Trials, TrialSetting, _part, mean_image, run_trial
+from sarmitsuba.apps.cost import REFERENCES, field_of_proof, reference_depth, study_cost
+from sarmitsuba.apps.cost_model import CostModel, correct_predictions
+from sarmitsuba.apps.cost_report import Candidate, ProofRun, Reference, options_of, pareto, recommend
+from sarmitsuba.apps.cost_sweeps import LEAST_DEPTH, SPACINGS, depths
+from sarmitsuba.apps.cost_trials import (
+    MeasuredClock,
+    Trials,
+    TrialSetting,
+    WorkClock,
+    _part,
+    mean_image,
+    run_trial,
+)
 from sarmitsuba.core.errors import OutputError
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan

@@ -20,7 +20,7 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.raw_data import Layer, RawData
 from tests.support.unweighted import focus
 
 skcphd = pytest.importorskip("sarkit.cphd", reason="writes CPHD; in the extra formats, from Python 3.11")

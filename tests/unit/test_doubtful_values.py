@@ -19,7 +19,7 @@ from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.mesh.model_units import doubtful_unit, up_axis
 from sarmitsuba.signal.focusing import focus
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution.render import simulate
 
 SMALL = Extent.of_box(np.array([-5.0, -5.0, 0.0]), np.array([5.0, 5.0, 5.0]))

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.analysis.echo_labels import EchoLabels, echo_labels
-from sarmitsuba.analysis.echo_labels import boxes
+from sarmitsuba.analysis.echo_labels import EchoLabels, boxes, echo_labels
 from sarmitsuba.core.arrays import C64, F64, I64
 from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.machine.backend import dr
@@ -20,9 +19,9 @@ from sarmitsuba.signal.focusing.look import adjoint_cells, form_image
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.simulation.execution.image import Imager
 from sarmitsuba.simulation.execution.points import point_taps
-from sarmitsuba.simulation.execution.tracing import AntennaStates
 from sarmitsuba.simulation.execution.recording import Recording
 from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.execution.tracing import AntennaStates
 from sarmitsuba.tracing.kernel.path_groups import MECHANISMS
 from sarmitsuba.tracing.kernel.state import COHERENT, RECIPROCAL
 from tests.support.scenes import shipped

@@ -24,8 +24,7 @@ from sarmitsuba.simulation.planning.prediction.both_ways import (
     share_of,
     switch_effect,
 )
-from sarmitsuba.simulation.planning.prediction.prediction import Explanation, explain
-from sarmitsuba.simulation.planning.prediction.prediction import predict
+from sarmitsuba.simulation.planning.prediction.prediction import Explanation, explain, predict
 from tests.support.unweighted import focus
 
 

@@ -10,8 +10,8 @@ import pytest
 import sarmitsuba
 from sarmitsuba.analysis.account import Account, StageTime, account
 from sarmitsuba.analysis.error_budget import BOUND, LAW, MEASURED, UNKNOWN, error_budget
+from sarmitsuba.signal.gridding import gridding_kernel
 from sarmitsuba.signal.image import SarImage
-from sarmitsuba.signal.raw.gridding import gridding_kernel
 from tests.support.unweighted import focus
 
 PILOT = {"patches": 1280, "energy_from_order_upper_db": [0.0, -12.5, -41.5, None]}

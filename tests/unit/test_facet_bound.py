@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sarmitsuba.effects.context import PilotResult, SamplingFacts, SceneContext
 from sarmitsuba.effects.bounds import facet_bound, flash_bound
+from sarmitsuba.effects.context import PilotResult, SamplingFacts, SceneContext
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.loading.library import resolve
 from sarmitsuba.loading.load import load_scene

@@ -25,7 +25,7 @@ from sarmitsuba.signal.focusing.focusers.factorised import Factorised
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.metrics import image_error_db
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.raw_data import Layer, RawData
 from tests.support.unweighted import focus
 
 EXACT = "backprojection,interpolation=kernel:8,oversampling=4"

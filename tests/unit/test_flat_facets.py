@@ -7,10 +7,9 @@ import trimesh
 
 from sarmitsuba.scene.mesh.boundary_edges import facets
 from sarmitsuba.scene.mesh.double_faces import double_faces
-from sarmitsuba.scene.mesh.topology import edge_pairs
 from sarmitsuba.scene.mesh.flattening import LARGEST_DISTANCE, flatten_facets
 from sarmitsuba.scene.mesh.sharp_edges import sharp_edges
-from sarmitsuba.scene.mesh.topology import copies_apart, weld
+from sarmitsuba.scene.mesh.topology import copies_apart, edge_pairs, weld
 
 WAVELENGTH = 0.03
 

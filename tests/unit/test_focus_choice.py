@@ -22,7 +22,7 @@ from sarmitsuba.signal.focusing.focuser import Auto, parse_focuser
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.metrics import image_error_db
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.raw_data import Layer, RawData
 from tests.support.unweighted import compare_focusers, focus
 
 REQUEST = ImageRequest(extent_azimuth=30.0, extent_range=30.0)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.signal.chirp import to_chirped
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.focusing.range_compression import compression_filter, range_compress
 from sarmitsuba.signal.metrics import image_error_db
-from sarmitsuba.signal.raw.chirp import to_chirped
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 
 def echoes(pulse_width: float, positions: list[list[float]]) -> RawData:

@@ -7,7 +7,7 @@ import pytest
 from sarmitsuba.commands.results import Formats, add_file_needs, least_bytes
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.raw.chirp import n_fast_chirped, to_chirped
+from sarmitsuba.signal.chirp import n_fast_chirped, to_chirped
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.planning.prediction.prediction import Prediction, predict

@@ -14,7 +14,7 @@ from sarmitsuba.files.geocoding import map_zone, outlines
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.image import ImageGrid, SarImage
-from sarmitsuba.signal.raw.raw_data import Layer
+from sarmitsuba.signal.raw_data import Layer
 from tests.support.draws import few_of
 from tests.support.geometries import singular_place
 

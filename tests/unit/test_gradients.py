@@ -25,9 +25,8 @@ from sarmitsuba import (
 )
 from sarmitsuba.apps.fit.forward_model import ForwardModel
 from sarmitsuba.apps.fit.material_parameters import LevelMap
-from sarmitsuba.apps.fit.parsing import Needed
 from sarmitsuba.apps.fit.parameter import Parameter, Step
-from sarmitsuba.apps.fit.parsing import list_parameters, parse
+from sarmitsuba.apps.fit.parsing import Needed, list_parameters, parse
 from sarmitsuba.apps.fit.shape_offsets import MovingPart
 from sarmitsuba.core.errors import RadarError, SceneError
 from sarmitsuba.machine.backend import dr

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import quad
 
 from sarmitsuba.core.errors import RadarError
-from sarmitsuba.signal.raw.gridding import (
+from sarmitsuba.signal.gridding import (
     GriddingKernel,
     fine_grid,
     gridding_kernel,

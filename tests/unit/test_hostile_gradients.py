@@ -13,7 +13,7 @@ from sarmitsuba.apps.fit.least_squares import known_priors
 from sarmitsuba.apps.fit.losses import check_loss
 from sarmitsuba.apps.fit.parsing import parse
 from sarmitsuba.core.errors import DataError, SceneError
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 from tests.unit.test_gradients import plate
 
 

@@ -19,8 +19,8 @@ from sarmitsuba import load_scene
 from sarmitsuba.core.errors import OutputError
 from sarmitsuba.loading import mesh_files
 from sarmitsuba.loading.importing.convert import import_scene
-from sarmitsuba.machine.output import MANIFEST
 from sarmitsuba.machine.atomic import remove_unfinished
+from sarmitsuba.machine.output import MANIFEST
 from sarmitsuba.scene.mesh.formats import read_ply, write_ply
 from sarmitsuba.scene.mesh.tessellate import cube
 

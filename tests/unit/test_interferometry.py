@@ -15,7 +15,7 @@ from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.image import ImageGrid, SarImage
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.raw_data import Layer, RawData
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation.chain import Parameter, make_scene
 from tests.support.unweighted import focus

@@ -32,7 +32,7 @@ from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.image import ImageGrid, SarImage
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.raw_data import Layer, RawData
 from sarmitsuba.view.quicklook import quicklook, save
 from tests.support.scenes import shipped
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from sarmitsuba.core.errors import OutputError
+from sarmitsuba.machine.atomic import describe_end, withdraw_resuming
 from sarmitsuba.machine.journal import MAGIC, Journal, fits, is_echo, remove_journal
 from sarmitsuba.machine.output import sole_writer
-from sarmitsuba.machine.atomic import describe_end, withdraw_resuming
 
 
 def anything(label: object, payload: bytes) -> bool:

@@ -5,12 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.analysis.labels.classes import check_used, classes_of_shapes, read_classes
 from sarmitsuba.analysis.echo_labels import NO_CLASS
+from sarmitsuba.analysis.label_classes import check_used, classes_of_shapes, read_classes
 from sarmitsuba.apps.datasets.draw import Drawer
 from sarmitsuba.apps.datasets.recipe import read_recipe
-from sarmitsuba.apps.datasets.sample import make_sample
-from sarmitsuba.apps.datasets.sample import _recode_layer
+from sarmitsuba.apps.datasets.sample import _recode_layer, make_sample
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.signal.pixel_labels import LabelLayer
 

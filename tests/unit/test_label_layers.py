@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.analysis.labels import makers
-from sarmitsuba.analysis.labels.makers import LAYERS, MAKERS
+from sarmitsuba.analysis import labels as makers
+from sarmitsuba.analysis.labels import LAYERS, MAKERS
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.files.coco import coco_document
 from sarmitsuba.scene.scene import Scene

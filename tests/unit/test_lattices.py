@@ -5,7 +5,7 @@ import pytest
 
 from sarmitsuba.machine.backend import dr, ensure_backend, mi
 from sarmitsuba.scene.mesh import tessellate
-from sarmitsuba.signal.raw.block import _even
+from sarmitsuba.signal.block import _even
 from sarmitsuba.simulation.planning.sampling.small_parts import Lattice, ManyNodesError, nodes_over
 from sarmitsuba.tracing.kernel.launch import frame_towards, project
 from sarmitsuba.tracing.kernel.speckle import TURN_COS, TURN_SIN, ScattererLattice

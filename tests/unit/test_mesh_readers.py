@@ -14,8 +14,7 @@ from sarmitsuba.core.errors import DataError, SceneError
 from sarmitsuba.loading import maps
 from sarmitsuba.loading.mesh_files import obj_materials, read_mesh, read_parts, read_shape
 from sarmitsuba.machine.backend import mi
-from sarmitsuba.scene.mesh.formats import read_obj
-from sarmitsuba.scene.mesh.formats import read_serialized
+from sarmitsuba.scene.mesh.formats import read_obj, read_serialized
 
 
 def serialized(version: int, flags: int, rng: np.random.Generator) -> tuple[bytes, NDArray, NDArray]:

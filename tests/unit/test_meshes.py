@@ -8,9 +8,9 @@ import pytest
 
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.scene.mesh.cleaning import clean_mesh, single_precision_step
-from sarmitsuba.scene.mesh.topology import label_connected
 from sarmitsuba.scene.mesh.smooth_groups import smooth_groups
 from sarmitsuba.scene.mesh.tessellate import cube, cylinder, rectangle, sphere
+from sarmitsuba.scene.mesh.topology import label_connected
 
 
 def as_set(vertices, faces):

@@ -6,7 +6,7 @@ import pytest
 from sarmitsuba.core.constants import SUBSET_SHARES
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.signal.image import ImageGrid, SarImage
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.raw_data import Layer, RawData
 from sarmitsuba.simulation.execution.error_bars import (
     PASSES,
     PASSES_SCATTER_DB,

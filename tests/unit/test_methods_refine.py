@@ -11,10 +11,10 @@ import pytest
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.raw.raw_data import Layer
+from sarmitsuba.signal.raw_data import Layer
 from sarmitsuba.simulation.execution.fingerprint import fingerprint
-from sarmitsuba.simulation.execution.raw import echoes
 from sarmitsuba.simulation.execution.passes import Passes, PassLayout
+from sarmitsuba.simulation.execution.raw import echoes
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.planning.sampling.piece import crop
 from tests.support.unweighted import refine

@@ -8,7 +8,7 @@ from sarmitsuba.core.errors import RadarError
 from sarmitsuba.signal.focusing.grid import default_grid
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.metrics import point_target_in
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 from tests.support.unweighted import focus
 
 POINT = np.array([1.0, -2.0, 0.5])

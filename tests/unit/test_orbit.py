@@ -18,7 +18,7 @@ from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.focusing.aperture_weights import matched_weights
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject
 from sarmitsuba.signal.metrics import point_target_in
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.raw_data import Layer, RawData
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth import theory
 from tests.support.unweighted import focus

@@ -24,7 +24,7 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.track import Track
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.image import ImageGrid, SarImage
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.raw_data import Layer, RawData
 from sarmitsuba.simulation.execution.error_bars import estimate_error
 from sarmitsuba.view import quicklook as pictures
 from sarmitsuba.view.display import PictureOptions, prepare

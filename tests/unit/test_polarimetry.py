@@ -28,7 +28,7 @@ from sarmitsuba.core.arrays import C64, C128, F64
 from sarmitsuba.core.errors import DataError, RadarError
 from sarmitsuba.radar.polarisation import read_channels
 from sarmitsuba.signal.image import ImageGrid, SarImage
-from sarmitsuba.signal.raw.raw_data import Layer
+from sarmitsuba.signal.raw_data import Layer
 from sarmitsuba.truth import theory
 from sarmitsuba.view.polarimetric_maps import feasible_bounds
 

@@ -21,8 +21,8 @@ from sarmitsuba.signal.focusing.aperture_weights import incidence_angle
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.metrics import point_target
-from sarmitsuba.signal.raw.noise import add_noise
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.noise import add_noise
+from sarmitsuba.signal.raw_data import Layer, RawData
 from tests.support.unweighted import focus
 
 SEEDS = [0, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 2))]

@@ -7,10 +7,16 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from sarmitsuba.scene.mesh.remesh import conforming, join_points
-from sarmitsuba.scene.mesh.remesh import contacts
 from sarmitsuba.scene.mesh.mirrors import mirror_planes, part_of
-from sarmitsuba.scene.mesh.remesh import DEVIATION, LONGEST, distance_to_triangles, remesh
+from sarmitsuba.scene.mesh.remesh import (
+    DEVIATION,
+    LONGEST,
+    conforming,
+    contacts,
+    distance_to_triangles,
+    join_points,
+    remesh,
+)
 
 
 def drawn_solid(rng: np.random.Generator) -> trimesh.Trimesh:

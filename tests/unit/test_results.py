@@ -9,7 +9,7 @@ import pytest
 import sarmitsuba
 from sarmitsuba import DataError, SarmitsubaError, SarmitsubaWarning
 from sarmitsuba.signal.image import ImageGrid, SarImage
-from sarmitsuba.signal.raw.raw_data import Layer
+from sarmitsuba.signal.raw_data import Layer
 from tests.support.unweighted import focus, refine
 
 FEW = {"sar_antenna.n_pulses": "12"}

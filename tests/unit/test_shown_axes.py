@@ -9,7 +9,7 @@ import pytest
 import sarmitsuba
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.signal.image import ImageGrid, SarImage, ShownAxes
-from sarmitsuba.signal.raw.raw_data import Layer
+from sarmitsuba.signal.raw_data import Layer
 from sarmitsuba.view.display import PictureOptions, prepare
 from sarmitsuba.view.quicklook import quicklook
 from tests.support.scenes import POINT, small_scene

@@ -18,7 +18,7 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.track import Track
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.image import SarImage
-from sarmitsuba.signal.raw.raw_data import Layer
+from sarmitsuba.signal.raw_data import Layer
 from tests.support.unweighted import focus
 
 sksicd = pytest.importorskip("sarkit.sicd", reason="writes SICD; in the extra formats, from Python 3.11")

@@ -8,8 +8,8 @@ import pytest
 from sarmitsuba import RadarDescription
 from sarmitsuba.core.arrays import C64, C128, F64
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.signal.raw import block, block_synthesis, direct
-from sarmitsuba.signal.raw.sub_bands import SubBands
+from sarmitsuba.signal import block, block_synthesis, direct
+from sarmitsuba.signal.sub_bands import SubBands
 
 BOX = np.array([[-40.0, -60.0, 0.0], [40.0, 60.0, 12.0]])
 

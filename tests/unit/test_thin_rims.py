@@ -6,8 +6,14 @@ import trimesh
 
 from sarmitsuba.core.arrays import C128, F64, I64
 from sarmitsuba.scene.mesh import sharp_edges as thin_rims
-from sarmitsuba.scene.mesh.sharp_edges import SharpEdges, sharp_edges
-from sarmitsuba.scene.mesh.sharp_edges import ELECTRIC, ONE_EDGE, replace_thin_rims, wedge_shares
+from sarmitsuba.scene.mesh.sharp_edges import (
+    ELECTRIC,
+    ONE_EDGE,
+    SharpEdges,
+    replace_thin_rims,
+    sharp_edges,
+    wedge_shares,
+)
 from sarmitsuba.tracing.scatterers.edges.diffraction import edges_of
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.theory.moments import strips_by_moments

@@ -12,7 +12,7 @@ from scipy.signal import windows
 
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.signal.image import ImageGrid, SarImage
-from sarmitsuba.signal.raw.raw_data import Layer
+from sarmitsuba.signal.raw_data import Layer
 from sarmitsuba.view.display import QUANTITIES, PictureOptions, limits_db, prepare, screen_size
 from sarmitsuba.view.profile import cut, profile
 from sarmitsuba.view.quicklook import (

@@ -7,21 +7,34 @@ Scene files that a recipe may draw: what they hold.
 Training, validation and test parts, disjoint by instance or by scene.
 """
 
-
 import hashlib
 import os
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+
 import numpy as np
-from sarmitsuba.analysis.labels.classes import check_used
-from sarmitsuba.analysis.labels.owners import no_surface_materials
-from sarmitsuba.apps.datasets.drawn_shapes import InstanceMesh, box, crown, lowest_under, mesh_folder, read_instances, relief
-from sarmitsuba.apps.datasets.recipe import CLASSES, Recipe, RecipeSection, read_recipe
+
+from sarmitsuba.analysis.label_classes import check_used, shape_names
+from sarmitsuba.analysis.label_owners import material_names, no_surface_materials
+from sarmitsuba.apps.datasets.drawn_shapes import (
+    InstanceMesh,
+    box,
+    crown,
+    hull,
+    lowest_under,
+    mesh_folder,
+    read_instances,
+    relief,
+    separation,
+    turn_points,
+)
+from sarmitsuba.apps.datasets.recipe import CLASSES, PART_NAMES, Recipe, RecipeSection, read_recipe
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.errors import SarmitsubaError
+from sarmitsuba.core.errors import DataError, SarmitsubaError, SarmitsubaWarning, SceneError
 from sarmitsuba.core.parameters import Value, float_value, string_value
 from sarmitsuba.loading.build import SceneMesh, SceneVolume, build_scene
 from sarmitsuba.loading.load import load_scene
@@ -31,20 +44,7 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.mode import mode_parameters
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from dataclasses import dataclass, field
-from sarmitsuba.apps.datasets.drawn_shapes import hull, separation, turn_points
-from sarmitsuba.core.errors import SceneError
-import warnings
-from dataclasses import dataclass
-from sarmitsuba.analysis.labels.classes import shape_names
-from sarmitsuba.analysis.labels.owners import material_names
-from sarmitsuba.core.errors import SarmitsubaError, SarmitsubaWarning
 from sarmitsuba.simulation.execution.fingerprint import fingerprint
-from collections.abc import Sequence
-from sarmitsuba.apps.datasets.drawn_shapes import InstanceMesh
-from sarmitsuba.apps.datasets.recipe import PART_NAMES, Recipe
-from sarmitsuba.core.errors import DataError
-
 
 # trials of a place before a draw is given up
 _TRIALS = 200

@@ -7,7 +7,6 @@ COCO annotations of a data set, one document for each part.
 Data card of a data set: what was drawn, which physics was on, stated errors, seeds, versions, licence.
 """
 
-
 import hashlib
 import json
 import multiprocessing
@@ -17,46 +16,37 @@ import os
 import re
 import signal
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
 from threading import Thread
-from typing import Protocol
+from typing import Any, Protocol
+
 import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.analysis.label_sight import GROUND_CLASSES
 from sarmitsuba.apps.datasets.draw import Drawer
-from sarmitsuba.apps.datasets.recipe import PART_NAMES
-from sarmitsuba.apps.datasets.store import SampleForm, append
-from sarmitsuba.apps.datasets.sample import Sample, make_sample
-from sarmitsuba.apps.datasets.store import records, write_store
+from sarmitsuba.apps.datasets.recipe import PART_NAMES, Fixed, Recipe
+from sarmitsuba.apps.datasets.sample import SHAPES, Sample, make_sample
+from sarmitsuba.apps.datasets.store import JsonTable, SampleForm, SampleRecord, append, records, write_store
+from sarmitsuba.core.arrays import C64
 from sarmitsuba.core.errors import DataError, ResourceError, SarmitsubaError
 from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.core.registry import load_extension
+from sarmitsuba.core.units import db_from_power
 from sarmitsuba.files import write_raw
+from sarmitsuba.files.coco import run_lengths
 from sarmitsuba.machine.atomic import atomic_path
 from sarmitsuba.machine.journal import Journal
 from sarmitsuba.machine.output import OutputFolder
-from sarmitsuba.machine.regular_files import read_bytes
+from sarmitsuba.machine.regular_files import read_bytes, read_text
 from sarmitsuba.simulation.execution.fingerprint import program_hash
-from numpy.typing import NDArray
-from sarmitsuba.core.arrays import C64
-from sarmitsuba.core.units import db_from_power
-from collections.abc import Sequence
-from typing import Any
-from sarmitsuba.analysis.labels.ground_shapes import GROUND_CLASSES
-from sarmitsuba.apps.datasets.recipe import PART_NAMES, Recipe
-from sarmitsuba.apps.datasets.store import JsonTable, SampleRecord
-from sarmitsuba.apps.datasets.sample import SHAPES
-from sarmitsuba.files.coco import run_lengths
 from sarmitsuba.version import __version__
-from collections import Counter
-from collections.abc import Mapping, Sequence
-from sarmitsuba.apps.datasets.recipe import Fixed
-from sarmitsuba.apps.datasets.store import JsonTable
-from sarmitsuba.machine.regular_files import read_text
-
 
 # share of the pixels that are as bright as the brightest
 _BRIGHTEST = 1e-3

@@ -5,34 +5,38 @@ Parameters of every section of a recipe, with bounds and meaning.
 Distributions of a recipe's parameters: uniform, normal, choice, grid, or one value.
 """
 
-
 import hashlib
-import os
-from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from pathlib import Path
-import numpy as np
-from sarmitsuba.analysis.labels.classes import class_table
-from sarmitsuba.core.errors import DataError, SarmitsubaError
-from sarmitsuba.core.parameters import ParamTable, Value, did_you_mean, float_value, one_line, string_value
-from sarmitsuba.files.table_file import read_table
-from sarmitsuba.loading.library import scenes_dir
-from sarmitsuba.machine.regular_files import read_bytes
-from sarmitsuba.core.constants import DEFAULT_WINDOW
-from sarmitsuba.core.errors import DataError
-from sarmitsuba.core.parameters import Param, ParamTable
-from sarmitsuba.loading.tables import INTEGRATOR
-from sarmitsuba.radar.description import SENSOR
-from sarmitsuba.radar.film import FILM
 import math
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
 from typing import ClassVar
-from sarmitsuba.core.parameters import Param, Value, did_you_mean, is_finite, one_line
-from sarmitsuba.core.registry import Registry
 
+import numpy as np
+
+from sarmitsuba.analysis.label_classes import class_table
+from sarmitsuba.core.constants import DEFAULT_WINDOW
+from sarmitsuba.core.errors import DataError, SarmitsubaError
+from sarmitsuba.core.parameters import (
+    Param,
+    ParamTable,
+    Value,
+    did_you_mean,
+    float_value,
+    is_finite,
+    one_line,
+    string_value,
+)
+from sarmitsuba.core.registry import Registry
+from sarmitsuba.files.table_file import read_table
+from sarmitsuba.loading.library import scenes_dir
+from sarmitsuba.loading.tables import INTEGRATOR
+from sarmitsuba.machine.regular_files import read_bytes
+from sarmitsuba.radar.description import SENSOR
+from sarmitsuba.radar.film import FILM
 
 _MOST = 10_000_000
 

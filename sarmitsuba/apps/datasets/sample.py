@@ -3,41 +3,42 @@
 Labels of a sample: layers of its pixels with codes that all samples share, and boxes of its shapes.
 """
 
-
+import re
 import time
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
 import numpy as np
 from numpy.typing import NDArray
-from sarmitsuba.apps.datasets.draw import Drawer, DrawnSample, aspect_deg
+
+from sarmitsuba.analysis.echo_labels import NO_CLASS
+from sarmitsuba.analysis.label_classes import classes_of_shapes, shape_names
+from sarmitsuba.analysis.labels import checked_layers, labels
+from sarmitsuba.apps.datasets.draw import Drawer, DrawnSample, PlacedShape, aspect_deg
 from sarmitsuba.apps.datasets.recipe import RecipeError
 from sarmitsuba.core.arrays import C64, F64
-from sarmitsuba.core.errors import BackendError, DataError, ExtensionError, OutputError, RadarError, SarmitsubaError, SarmitsubaWarning
+from sarmitsuba.core.errors import (
+    BackendError,
+    DataError,
+    ExtensionError,
+    OutputError,
+    RadarError,
+    SarmitsubaError,
+    SarmitsubaWarning,
+)
 from sarmitsuba.core.parameters import Value
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.machine.exclusive import single_threaded
-from sarmitsuba.signal.image import SarImage
-from sarmitsuba.signal.raw.raw_data import RawData
-from sarmitsuba.signal.raw.threads import one_blas_thread
-from sarmitsuba.simulation.execution.error_bars import estimate_pass_error
-from sarmitsuba.simulation.execution.render import RenderOptions, execute
-import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from sarmitsuba.analysis.labels import labels
-from sarmitsuba.analysis.labels.classes import classes_of_shapes, shape_names
-from sarmitsuba.analysis.echo_labels import NO_CLASS
-from sarmitsuba.analysis.labels.makers import checked_layers
-from sarmitsuba.apps.datasets.draw import Drawer, PlacedShape
-from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.errors import DataError
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.placement import ImagePlacement
-from sarmitsuba.signal.image import ImageGrid
+from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.pixel_labels import LabelLayer, LabelledInstance
-
+from sarmitsuba.signal.raw_data import RawData
+from sarmitsuba.signal.threads import one_blas_thread
+from sarmitsuba.simulation.execution.error_bars import estimate_pass_error
+from sarmitsuba.simulation.execution.render import RenderOptions, execute
 
 # layers of codes of shapes, for masks of instances; the first that there is
 SHAPES = ("shape", "instance")

@@ -3,24 +3,22 @@
 Finished samples as records of a journal: facts as JSON, arrays as bytes behind each other.
 """
 
-
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
+
 import h5py
 import numpy as np
 from numpy.typing import NDArray
+
 from sarmitsuba.apps.datasets.recipe import PART_NAMES, Recipe
-from sarmitsuba.machine.journal import Journal
-from sarmitsuba.machine.regular_files import read_text
-from sarmitsuba.version import __version__
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
-from typing import Any
 from sarmitsuba.apps.datasets.sample import Sample, SampleObject
 from sarmitsuba.machine.encoding import to_json
 from sarmitsuba.machine.journal import Journal, Label, fits, is_echo
-
+from sarmitsuba.machine.regular_files import read_text
+from sarmitsuba.version import __version__
 
 _IMAGE = "image"
 # of a sample that are arrays, or files of their own

@@ -21,24 +21,23 @@ deviations (likelihood profiles, to first order in the other values); half the f
 """
 
 from __future__ import annotations
-from collections.abc import Iterable, Sequence
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
+
 from sarmitsuba.apps.fit.forward_model import ForwardModel
-from sarmitsuba.apps.fit.material_parameters import Level
+from sarmitsuba.apps.fit.least_squares import Prior, Problem, Solution, cost_of
+from sarmitsuba.apps.fit.material_parameters import Level, MaterialProperty
 from sarmitsuba.apps.fit.measured_looks import ROUNDING, MeasuredLook
+from sarmitsuba.apps.fit.parameter import Parameter
 from sarmitsuba.apps.fit.shape_offsets import echoes, frequencies, moving_parts
 from sarmitsuba.core.arrays import C64, C128, F64, sum_energy
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
-from collections.abc import Callable, Mapping
-from functools import partial
-from sarmitsuba.apps.fit.least_squares import Prior, Problem, Solution, cost_of
-from sarmitsuba.apps.fit.material_parameters import MaterialProperty
-from sarmitsuba.apps.fit.parameter import Parameter
-from sarmitsuba.core.arrays import F64
 from sarmitsuba.scene.scene import Scene
-
 
 # coherence from which a shape counts as confirmed: that of phases uniform within an eighth of a turn, so of points that
 # are off by up to a sixteenth of a wavelength, within which data are nearly linear in the values

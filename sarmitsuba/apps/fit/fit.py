@@ -10,8 +10,7 @@ import numpy as np
 
 from sarmitsuba.apps.fit.coarse_shapes import checked_offsets, coarse_shapes, other_cycles
 from sarmitsuba.apps.fit.coarse_track import coarse_track
-from sarmitsuba.apps.fit.confirmation import CONFIRMED, confirm_values
-from sarmitsuba.apps.fit.confirmation import profile_deviations, scales
+from sarmitsuba.apps.fit.confirmation import CONFIRMED, confirm_values, profile_deviations, scales
 from sarmitsuba.apps.fit.derivative_witness import derivative_witnesses, is_refuted, warn_of
 from sarmitsuba.apps.fit.form_search import searched_forms
 from sarmitsuba.apps.fit.jacobian import Parameters
@@ -36,7 +35,7 @@ from sarmitsuba.core.errors import SceneError
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.scene.scene import Scene, SceneLike
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 # how often the steps are taken, each time from the cycles of phase that the data confirm more
 RETRIES = 3

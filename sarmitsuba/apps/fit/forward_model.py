@@ -6,48 +6,50 @@ Raw data of ideal points, and how they change with the radar: differences of the
 """
 
 from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
-from sarmitsuba.apps.fit.shape_parameters import ComposedMoves
+
 from sarmitsuba.apps.fit.material_parameters import change_material
 from sarmitsuba.apps.fit.moving_edges import EdgeBatches
-from sarmitsuba.apps.fit.parsing import At, Found, Needed
 from sarmitsuba.apps.fit.parameter import Derivatives, Parameter, Step
+from sarmitsuba.apps.fit.parsing import At, Found, Needed
 from sarmitsuba.apps.fit.radar_parameters import BeamPointing
-from sarmitsuba.core.arrays import C64, F64, I64
+from sarmitsuba.apps.fit.shape_parameters import ComposedMoves
+from sarmitsuba.core.arrays import C64, C128, F64, I64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.core.errors import RadarError, SceneError
+from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.track_errors import turn_axes
 from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
-from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, build_geometry
+from sarmitsuba.signal.raw_data import Layer, RawData
+from sarmitsuba.signal.sub_bands import RangeFilter
 from sarmitsuba.simulation.execution.blocks import Blocks
 from sarmitsuba.simulation.execution.metadata import raw_metadata
+from sarmitsuba.simulation.execution.points import add_points
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
-from sarmitsuba.simulation.execution.tracing import Tracer
+from sarmitsuba.simulation.execution.tracing import (
+    Batch,
+    BatchTracer,
+    KeyPulse,
+    Pulses,
+    Tracer,
+    build_geometry,
+)
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.tracing.derivatives.tangents import MOST, Displacement, StepTables, Tangents
 from sarmitsuba.tracing.kernel.source import Source
-from functools import partial
-from sarmitsuba.core.arrays import C64, C128, F64
-from sarmitsuba.core.constants import SPEED_OF_LIGHT
-from sarmitsuba.signal.raw.sub_bands import RangeFilter
-from sarmitsuba.simulation.execution.tracing import BatchTracer
-from sarmitsuba.simulation.execution.tracing import KeyPulse, Pulses
-from sarmitsuba.tracing.derivatives.tangents import Tangents
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
-from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.radar.track_errors import turn_axes
-from sarmitsuba.signal.raw.raw_data import Layer
-from sarmitsuba.simulation.execution.points import add_points
+
 if TYPE_CHECKING:
     from sarmitsuba.tracing.kernel.scene_tables import TraceScene
 

@@ -11,7 +11,7 @@ import numpy as np
 from sarmitsuba.core.arrays import C64, C128, F64
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.signal.image import block_means
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 if TYPE_CHECKING:
     from sarmitsuba.signal.focusing.operator import FocusingOperator

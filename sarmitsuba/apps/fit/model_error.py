@@ -20,7 +20,7 @@ from sarmitsuba.apps.fit.confirmation import focus_spectra, weakest_cells
 from sarmitsuba.apps.fit.least_squares import Prior, Rows, Samples
 from sarmitsuba.apps.fit.measured_looks import ROUNDING, MeasuredLook
 from sarmitsuba.core.arrays import C128, F64
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 # parts along either axis of the image over which residuals are alike
 PARTS = 6

@@ -9,37 +9,35 @@ with the antenna. What is hidden then must count once: an edge counts where noth
 """
 
 from __future__ import annotations
-from collections.abc import Iterator
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
+
 import numpy as np
-from sarmitsuba.apps.fit.mirror_facets import MirrorFacets
-from sarmitsuba.core.arrays import C64, F32, F64, I64, U32
-from sarmitsuba.scene.mesh.facet_edges import FacetEdges
-from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, Traced
-from sarmitsuba.simulation.execution.tracing import EveryPulse, KeyPulse, Pulses
-from sarmitsuba.tracing.derivatives.tangents import Tangents
-from sarmitsuba.tracing.kernel.launch import EdgeSamples, LatticeLevel, LaunchFrame, LaunchGrid, project
-from sarmitsuba.tracing.scatterers.edges.edge_state import SHADOWED
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from numpy.typing import NDArray
-from sarmitsuba.core.arrays import F64, I64, U32
+
+from sarmitsuba.apps.fit.mirror_facets import MirrorFacets
+from sarmitsuba.core.arrays import C64, F32, F64, I64, U32, unit_rows
+from sarmitsuba.scene.mesh.facet_edges import FacetEdges
+from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, EveryPulse, KeyPulse, Pulses, Traced
 from sarmitsuba.tracing.derivatives.tangent_slots import EDGE_SHAPES, NO_SHAPE, ROW, SlotTangents
-from sarmitsuba.tracing.derivatives.tangents import Displacement
-from sarmitsuba.tracing.kernel.launch import LaunchFrame, project
-from dataclasses import dataclass, replace
-from sarmitsuba.core.arrays import unit_rows
+from sarmitsuba.tracing.derivatives.tangents import Displacement, Tangents
 from sarmitsuba.tracing.kernel.first_facets import first_facets
 from sarmitsuba.tracing.kernel.intersector import leave_surface
-from sarmitsuba.tracing.kernel.launch import project
+from sarmitsuba.tracing.kernel.launch import EdgeSamples, LatticeLevel, LaunchFrame, LaunchGrid, project
+from sarmitsuba.tracing.scatterers.edges.edge_state import SHADOWED
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from sarmitsuba.signal.raw.sub_bands import RangeFilter
+
     from numpy.typing import NDArray
+
     from sarmitsuba.apps.fit.mirror_facets import MirrorFacets
     from sarmitsuba.core.arrays import F64, I64
+    from sarmitsuba.signal.sub_bands import RangeFilter
     from sarmitsuba.tracing.kernel.launch import LaunchFrame
     from sarmitsuba.tracing.kernel.scene_tables import TraceScene
 

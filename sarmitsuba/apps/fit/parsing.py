@@ -4,25 +4,26 @@ Derivatives of echoes that parameters need, in parts that one launch carries, an
 """
 
 from __future__ import annotations
+
 import re
-from itertools import zip_longest
-from typing import TYPE_CHECKING
-from sarmitsuba.apps.fit.material_parameters import PROPERTIES, Level, LevelMap, MaterialProperty, has_level
-from sarmitsuba.apps.fit.parameter import AXES, Parameter, quote_name
-from sarmitsuba.apps.fit.radar_parameters import AntennaTrack, BeamPointing, ClockOffset, Gain
-from sarmitsuba.apps.fit.shape_parameters import DEFORMATIONS, Deformation, Shift, bodies
-from sarmitsuba.core.errors import SceneError
-from sarmitsuba.scene.materials.map_materials import list_with_parts
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, zip_longest
+from typing import TYPE_CHECKING
+
 import numpy as np
-from sarmitsuba.apps.fit.shape_parameters import ComposedMoves
-from sarmitsuba.apps.fit.parameter import Parameter, Step
+
+from sarmitsuba.apps.fit.material_parameters import PROPERTIES, Level, LevelMap, MaterialProperty, has_level
+from sarmitsuba.apps.fit.parameter import AXES, Parameter, Step, quote_name
+from sarmitsuba.apps.fit.radar_parameters import AntennaTrack, BeamPointing, ClockOffset, Gain
+from sarmitsuba.apps.fit.shape_parameters import DEFORMATIONS, ComposedMoves, Deformation, Shift, bodies
 from sarmitsuba.core.arrays import C64, I64
+from sarmitsuba.core.errors import SceneError
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.tracing.derivatives.tangents import MOST, Displacement
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene
+
 if TYPE_CHECKING:
     from sarmitsuba.scene.scene import Scene
 

@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba.apps.fit.derivative_witness import gradient_witnesses, warn_of
-from sarmitsuba.apps.fit.moving_edges import OfShapes
-from sarmitsuba.apps.fit.forward_model import ForwardModel
+from sarmitsuba.apps.fit.forward_model import ForwardModel, make_range_derivative
 from sarmitsuba.apps.fit.jacobian import Parameters, parameters_of
 from sarmitsuba.apps.fit.losses import SquaredDifference, check_loss
-from sarmitsuba.apps.fit.moving_edges import EdgeLattices
+from sarmitsuba.apps.fit.moving_edges import EdgeLattices, OfShapes
 from sarmitsuba.apps.fit.parsing import At
-from sarmitsuba.apps.fit.forward_model import make_range_derivative
 from sarmitsuba.core.arrays import C64, C128, F64, I64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import DataError, SceneError
@@ -26,15 +24,14 @@ from sarmitsuba.machine.exclusive import backend_lock, exclusive, threads
 from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.scene import Scene, SceneLike
-from sarmitsuba.signal.raw.raw_data import RawData
-from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, Traced
-from sarmitsuba.simulation.execution.tracing import EveryPulse, KeyPulse, Pulses
+from sarmitsuba.signal.raw_data import RawData
+from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, EveryPulse, KeyPulse, Pulses, Traced
 from sarmitsuba.tracing.derivatives.adjoint_grids import AdjointGrids, GradientSum
 from sarmitsuba.tracing.derivatives.tangent_slots import MovingShapes, SlotTangents
 
 if TYPE_CHECKING:
     from sarmitsuba.apps.fit.losses import Loss
-    from sarmitsuba.signal.raw.sub_bands import RangeFilter
+    from sarmitsuba.signal.sub_bands import RangeFilter
     from sarmitsuba.simulation.execution.tracing import Tracer
     from sarmitsuba.simulation.planning.sampling.rays import Rays
     from sarmitsuba.tracing.kernel.accumulators import GridAccumulator

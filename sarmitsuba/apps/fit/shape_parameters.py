@@ -13,23 +13,26 @@ linear, and to 2e-9 for rotations.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
+
 import numpy as np
-from sarmitsuba.analysis.labels.ground_shapes import ground_shapes
+
+from sarmitsuba.analysis.label_sight import ground_shapes
 from sarmitsuba.apps.fit.parameter import AXES, Derivatives, Parameter, quote_name
 from sarmitsuba.core.arrays import C64, F64, I64, unit_rows
 from sarmitsuba.core.errors import SceneError
-from sarmitsuba.scene.ground import ENDLESS_GROUND
-from sarmitsuba.tracing.derivatives.tangents import Displacement
-from collections.abc import Sequence
-from functools import cached_property
-from sarmitsuba.apps.fit.parameter import Parameter
-from sarmitsuba.core.arrays import F64, I64
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.ground import ENDLESS_GROUND
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.tracing.derivatives.tangents import Displacement
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
     from sarmitsuba.scene.geometry import Geometry
     from sarmitsuba.scene.scene import Scene
 

@@ -7,9 +7,9 @@ import numpy as np
 
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.core.units import db_from_power
+from sarmitsuba.effects.bounds import facet_bound, flash_bound, mean_clutter, specular_db
 from sarmitsuba.effects.context import PilotResult, SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
-from sarmitsuba.effects.bounds import facet_bound, flash_bound, mean_clutter, specular_db
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import names
 

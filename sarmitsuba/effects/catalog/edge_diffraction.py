@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C128, F64, unit_rows
 from sarmitsuba.core.units import db_from_power
-from sarmitsuba.effects.context import CELL_BELOW_CLUTTER_DB, SceneContext
 from sarmitsuba.effects.bounds import Aperture, EdgeBounds, edge_bounds
+from sarmitsuba.effects.context import CELL_BELOW_CLUTTER_DB, SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import length
@@ -18,8 +18,7 @@ from sarmitsuba.scene.materials.diffuse import diffuse_tables
 from sarmitsuba.scene.materials.fresnel import fresnel
 from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.materials.material import Material
-from sarmitsuba.scene.mesh.sharp_edges import SharpEdges
-from sarmitsuba.scene.mesh.sharp_edges import metal_edges
+from sarmitsuba.scene.mesh.sharp_edges import SharpEdges, metal_edges
 from sarmitsuba.scene.visible_faces import VisibleFaces
 
 # antenna positions, distributed over all, and edges with the largest bounds whose fringe coefficients are computed

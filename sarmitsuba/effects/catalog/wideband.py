@@ -8,16 +8,16 @@ import numpy as np
 from sarmitsuba.core.arrays import C128, F64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.units import db_from_amplitude
+from sarmitsuba.effects.bounds import angles_known, facet_bound, specular_db
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
-from sarmitsuba.effects.bounds import angles_known, facet_bound, specular_db
 from sarmitsuba.scene.materials.diffuse import diffuse_tables, water_in
 from sarmitsuba.scene.materials.fresnel import fresnel
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.materials.sea_spectrum import angular_frequency
 from sarmitsuba.scene.materials.slab import COSINES, slab_coefficients
 from sarmitsuba.scene.scatterers import SCATTERERS, is_own
-from sarmitsuba.signal.raw.sub_bands import SubBands
+from sarmitsuba.signal.sub_bands import SubBands
 
 # least number of traced frequencies (exact for changes linear in frequency), and the largest number
 LEAST_SUB_BANDS, MOST_SUB_BANDS = 2, 16

@@ -23,8 +23,8 @@ from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.parameters import printable
 from sarmitsuba.files.cphd_document import LAYOUT, PROFILE, CphdRecording, GroundArea, document
-from sarmitsuba.files.labelled import formats_package
 from sarmitsuba.files.formats import FORMATS, FileFormat
+from sarmitsuba.files.labelled import formats_package
 from sarmitsuba.files.nga import LETTERS, plain_xml, read_apart, read_utc, refuse_document_type
 from sarmitsuba.files.phase_history import PhaseHistory, raw_of
 from sarmitsuba.machine.atomic import atomic_path
@@ -34,7 +34,7 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.utc import utc_after
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 if TYPE_CHECKING:
     import lxml.etree

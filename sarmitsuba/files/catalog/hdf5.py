@@ -34,7 +34,7 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 from sarmitsuba.signal.image import SarImage
-from sarmitsuba.signal.raw.raw_data import AutofocusRecords, Layer, RawData, channels_of
+from sarmitsuba.signal.raw_data import AutofocusRecords, Layer, RawData, channels_of
 
 # fields of a radar that are stored elsewhere
 _ELSEWHERE = ("track", "offset", "recorded", "receiver", "receiver_pointing", "delay", "anchor")

@@ -12,8 +12,8 @@ import numpy as np
 
 from sarmitsuba.core.arrays import C64
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.files.labelled import formats_package
 from sarmitsuba.files.formats import FORMATS, FileFormat
+from sarmitsuba.files.labelled import formats_package
 from sarmitsuba.files.nga import plain_xml, read_apart, refuse_document_type
 from sarmitsuba.files.sicd_document import Axes, document, image_of
 from sarmitsuba.machine.atomic import atomic_path

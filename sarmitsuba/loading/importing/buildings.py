@@ -5,20 +5,20 @@ Roofs over footprints: flat, gabled over four corners, pyramids over convex outl
 Pavement around buildings, a kerb's height above the ground.
 """
 
-
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
 import numpy as np
-from sarmitsuba.core.arrays import F64
-from sarmitsuba.loading.importing.facades import FacadeBuilder
-from sarmitsuba.loading.importing.parts import Parts
-from sarmitsuba.loading.importing.polygons import triangulate
+
 from sarmitsuba.core.arrays import F64, I32
-from collections.abc import Iterable
-from sarmitsuba.loading.importing.facades import FacadeOptions, wall_quads
+from sarmitsuba.loading.importing.facades import FacadeBuilder, FacadeOptions, wall_quads
+from sarmitsuba.loading.importing.parts import Parts
 from sarmitsuba.loading.importing.polygons import triangulate, why_unusable
+
 if TYPE_CHECKING:
     import shapely
+
     pass
 
 

@@ -3,29 +3,45 @@
 Attributes of buildings from OpenStreetMap tags and equivalent properties of other maps.
 """
 
-
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
+
 import numpy as np
+
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import SceneError
-from sarmitsuba.loading.importing.buildings import FOOT, Building, add_building
+from sarmitsuba.loading.importing.buildings import (
+    FOOT,
+    GABLED,
+    PYRAMIDS,
+    Building,
+    add_building,
+    add_pavement,
+    rise,
+)
 from sarmitsuba.loading.importing.facades import FacadeBuilder
 from sarmitsuba.loading.importing.import_options import ImportOptions
 from sarmitsuba.loading.importing.parts import Parts
-from sarmitsuba.loading.importing.buildings import add_pavement
-from sarmitsuba.loading.importing.places import LOCAL, WIDEST, Places, check_width, local_of_geodetic, middle, project_onto_plane, try_conversion, unwrap_longitude
+from sarmitsuba.loading.importing.places import (
+    LOCAL,
+    WIDEST,
+    Places,
+    check_width,
+    local_of_geodetic,
+    middle,
+    project_onto_plane,
+    try_conversion,
+    unwrap_longitude,
+)
 from sarmitsuba.loading.importing.polygons import triangulate_in_space, why_unusable
-from sarmitsuba.loading.importing.buildings import GABLED, PYRAMIDS, rise
 from sarmitsuba.loading.importing.source_format import BuildingFootprint, CitySource, Solid
 from sarmitsuba.loading.importing.terrain import HeightRaster, read_raster, terrain_mesh
 from sarmitsuba.loading.names_of_materials import DEFAULT, check_chosen, is_doubtful, kind_of
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.scene.mesh.model_units import UNITS
-import re
-from collections.abc import Mapping
-from sarmitsuba.loading.importing.source_format import BuildingFootprint, CitySource
+
 if TYPE_CHECKING:
     import shapely
 

@@ -3,22 +3,30 @@
 Triangulation of height rasters: right-triangulated irregular networks with a measured error bound.
 """
 
-
 import os
 import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
+
 import numpy as np
+from numpy.typing import NDArray
+
 from sarmitsuba.core.arrays import F64, I32, I64
 from sarmitsuba.core.errors import DataError, SceneError
 from sarmitsuba.core.parameters import one_line
-from sarmitsuba.loading.importing.places import WGS84, Places, check_map, local_of_geodetic, project_points, unwrap_longitude
+from sarmitsuba.loading.importing.places import (
+    WGS84,
+    Places,
+    check_map,
+    local_of_geodetic,
+    project_points,
+    unwrap_longitude,
+)
 from sarmitsuba.machine.isolated import survive
 from sarmitsuba.machine.regular_files import check_regular
 from sarmitsuba.radar.geodesy import Anchor
-from dataclasses import dataclass
-from numpy.typing import NDArray
+
 if TYPE_CHECKING:
     from rasterio.windows import Window
 

@@ -6,10 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F32, F64, I64, unit_rows
-from sarmitsuba.scene.mesh.topology import label_connected
-from sarmitsuba.scene.mesh.topology import edge_pairs, twins
 from sarmitsuba.scene.mesh.pieces import SMOOTH_BEND, piece_sizes
-from sarmitsuba.scene.mesh.topology import weld
+from sarmitsuba.scene.mesh.topology import edge_pairs, label_connected, twins, weld
 
 # bend (rad) times width (wavelengths) below which narrow flat strips count as one surface: pi / 8 of phase
 LARGEST_BEND = 1.0 / 16.0
@@ -77,8 +75,8 @@ def facets(
     ----------
     corners : (n_faces, 3, 3) float64, m
     vertex : (3 n_faces,) welded vertex of every corner; None: computed here
-    curved : (n_faces,) triangles that approximate a curved surface, see :mod:`sarmitsuba.scene.mesh.smooth_surface`; None:
-        none
+    curved : (n_faces,) triangles that approximate a curved surface, see :mod:`sarmitsuba.scene.mesh.smooth_surface`;
+        None: none
     wavelength : m; 0 makes every bend a boundary
     pairs : of :func:`sarmitsuba.scene.mesh.topology.edge_pairs`; None: computed here
 

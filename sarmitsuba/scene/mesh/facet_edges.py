@@ -4,16 +4,16 @@ Closed surfaces: test, enclosed volume and area.
 """
 
 from __future__ import annotations
+
 from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
-from sarmitsuba.core.arrays import F64, I64, unit_rows
-from sarmitsuba.scene.mesh.boundary_edges import FLAT_BEND
-from sarmitsuba.scene.mesh.topology import edge_pairs
-from sarmitsuba.scene.mesh.pieces import SMOOTH_BEND
-from sarmitsuba.scene.mesh.topology import weld
-from sarmitsuba.core.arrays import F64, I32
 
+from sarmitsuba.core.arrays import F64, I32, I64, unit_rows
+from sarmitsuba.scene.mesh.boundary_edges import FLAT_BEND
+from sarmitsuba.scene.mesh.pieces import SMOOTH_BEND
+from sarmitsuba.scene.mesh.topology import edge_pairs, weld
 
 # distance over the extent of all triangles within which corners are one
 TOGETHER = 1e-7

@@ -4,9 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64, I64
-from sarmitsuba.scene.mesh.topology import label_connected
-from sarmitsuba.scene.mesh.topology import edge_pairs
-from sarmitsuba.scene.mesh.topology import weld
+from sarmitsuba.scene.mesh.topology import edge_pairs, label_connected, weld
 
 # rad, bend up to which two triangles are one plane, and turn up to which an outline is straight
 LEVEL, STRAIGHT = 1e-4, 1e-4

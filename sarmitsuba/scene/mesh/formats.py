@@ -5,17 +5,17 @@ PLY meshes: writing, and fast reading of the plain binary layout.
 Triangles of Mitsuba's binary mesh format ``serialized``, which is compressed by zlib.
 """
 
-
-from dataclasses import dataclass
-from pathlib import Path
-import numpy as np
-from sarmitsuba.core.arrays import F64, I64
-from sarmitsuba.machine.regular_files import read_bytes
 import re
-from functools import lru_cache
-from numpy.typing import ArrayLike
 import struct
 import zlib
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sarmitsuba.core.arrays import F64, I64
 from sarmitsuba.machine.regular_files import check_unpacked, read_bytes
 
 

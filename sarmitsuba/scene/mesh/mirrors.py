@@ -5,9 +5,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba.core.arrays import F64, I64
-from sarmitsuba.scene.mesh.remesh import join_points
 from sarmitsuba.scene.mesh.double_faces import TriangleBalls
-from sarmitsuba.scene.mesh.remesh import distance_to_triangles
+from sarmitsuba.scene.mesh.remesh import distance_to_triangles, join_points
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree

@@ -5,14 +5,13 @@ Triangles that meet corner to corner: sides are cut where corners of others lie 
 Places where parts of a surface touch or cross without sharing edges.
 """
 
-
 from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
+
 from sarmitsuba.core.arrays import F64, I64, unit_rows
 from sarmitsuba.scene.mesh.double_faces import TriangleBalls
-from sarmitsuba.core.arrays import F64, I64
-
 
 # edges longer and shorter than these many of the wanted length are split and collapsed
 LONGEST, SHORTEST = 4.0 / 3.0, 0.8

@@ -3,19 +3,18 @@
 Rims of thin metal plates: pairs of wedges a small part of a wavelength apart, which diffract as one half plane.
 """
 
-
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+
 import numpy as np
+import scipy
 from numpy.typing import NDArray
+
 from sarmitsuba.core.arrays import F64, I64, unit_rows
 from sarmitsuba.scene.mesh.double_faces import double_faces
 from sarmitsuba.scene.mesh.joined_sides import join_sides
 from sarmitsuba.scene.mesh.pieces import SMOOTH_BEND
 from sarmitsuba.scene.mesh.topology import weld
-from dataclasses import dataclass, replace
-import scipy
-
 
 # least height of a triangle over its longest edge: flatter ones have no reliable normal
 SLIVER = 1e-6

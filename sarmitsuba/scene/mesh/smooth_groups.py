@@ -4,8 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sarmitsuba.core.arrays import F64, I32, I64
-from sarmitsuba.scene.mesh.topology import label_connected
-from sarmitsuba.scene.mesh.topology import weld
+from sarmitsuba.scene.mesh.topology import label_connected, weld
 
 # edges with more faces than this (hubs of fans of billboards) join no faces
 _MAX_FACES_AT_EDGE = 32

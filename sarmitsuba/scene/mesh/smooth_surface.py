@@ -3,15 +3,13 @@
 Curvature of the smooth surface that facets approximate.
 """
 
-
 import numpy as np
 from numpy.typing import NDArray
+
 from sarmitsuba.core.arrays import F64, I32, I64, unit_rows
 from sarmitsuba.core.errors import SceneError
-from sarmitsuba.scene.mesh.topology import edge_pairs
 from sarmitsuba.scene.mesh.smooth_groups import smooth_groups
-from sarmitsuba.scene.mesh.topology import weld
-
+from sarmitsuba.scene.mesh.topology import edge_pairs, weld
 
 # largest distance of the smooth surface from its facet, wavelengths: beyond it the facet is taken as flat
 LARGEST_SAGITTA = 1.0 / 8.0

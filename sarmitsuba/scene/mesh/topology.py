@@ -5,11 +5,9 @@ Edges that two triangles of a mesh share.
 Connected parts of meshes and of other graphs.
 """
 
-
 import numpy as np
-from sarmitsuba.core.arrays import F64, I64
-from sarmitsuba.core.arrays import I64
-from sarmitsuba.core.arrays import I32, I64
+
+from sarmitsuba.core.arrays import F64, I32, I64
 
 
 def weld(v: F64) -> I64:

@@ -19,7 +19,7 @@ import numpy as np
 
 from sarmitsuba.machine.backend import device_numbers, dr
 from sarmitsuba.radar.antenna import Antenna
-from sarmitsuba.signal.raw.gridding import GriddingKernel
+from sarmitsuba.signal.gridding import GriddingKernel
 
 if TYPE_CHECKING:
     Complex = tuple[dr.ArrayBase, dr.ArrayBase]

@@ -59,8 +59,8 @@ from sarmitsuba.signal.focusing.summed_weights import noise_equivalent_sigma0
 from sarmitsuba.signal.focusing.windows import Window, parse_window
 from sarmitsuba.signal.focusing.witness import conjugation_warning, witness_focusing, witness_warning
 from sarmitsuba.signal.image import ImageGrid, SarImage, check_grid
-from sarmitsuba.signal.raw.pulse_motion import standing_still
-from sarmitsuba.signal.raw.raw_data import Layer, RawData, sum_of_channel
+from sarmitsuba.signal.pulse_motion import standing_still
+from sarmitsuba.signal.raw_data import Layer, RawData, sum_of_channel
 
 # pulses at a time
 _PULSES = 64

@@ -25,7 +25,7 @@ from sarmitsuba.signal.focusing.aperture_weights import (
     range_gradients,
 )
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 # largest extent in cells of an image without a request
 _MAX_CELLS = 1024

@@ -17,7 +17,7 @@ from sarmitsuba.signal.focusing.aperture_weights import (
     pulse_ranges,
 )
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.look_grid import BeamFan, LookGrid
+from sarmitsuba.signal.look_grid import BeamFan, LookGrid
 
 LEAST_AGREEMENT = 0.99
 """Least coherence of clutter with backprojection's image for an image made from looks."""
@@ -43,7 +43,7 @@ class LookGeometry:
     ----------
     time : (n_looks,) float64, s
     position, velocity : (n_looks, 3) float64, m and m/s, scene frame
-    fan, antenna : see :class:`sarmitsuba.signal.raw.look_grid.LookGrid`
+    fan, antenna : see :class:`sarmitsuba.signal.look_grid.LookGrid`
     edges : (n + 1,) ascending limits of the interval that each of the n illuminating pulses represents: time (s) from
         the look's, or with a fan the angle (rad) of the line of sight off the beam axis at the image's centre
     weights : (n,) of these pulses

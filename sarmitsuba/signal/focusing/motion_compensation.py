@@ -16,9 +16,9 @@ from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.signal.focusing.aperture_weights import direction_gain
 from sarmitsuba.signal.focusing.focuser import Focuser, check_focuser
+from sarmitsuba.signal.gridding import gridding_kernel
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.gridding import gridding_kernel
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 MOTION_COMPENSATIONS = ("auto", "off")
 # largest residual phase after compensation for the beam's centre at any pixel of the image, rad

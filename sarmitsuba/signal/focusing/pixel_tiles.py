@@ -38,7 +38,7 @@ from sarmitsuba.signal.focusing.backprojection_kernel import (
 from sarmitsuba.signal.focusing.profiles import ProfilePlan, plan_profiles
 from sarmitsuba.signal.focusing.windows import Window
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 LONGEST_LINE = 32
 # line length where every pixel is interpolated: longer lines save no time

@@ -16,7 +16,7 @@ from sarmitsuba.signal.focusing.focusers.backprojection import backproject
 from sarmitsuba.signal.focusing.profiles import plan_profiles
 from sarmitsuba.signal.focusing.windows import Window
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.raw_data import Layer, RawData
 
 # pixels of an image, of one that is exact backprojection already, and the fewest
 PIXELS, PIXELS_OF_EXACT, _FEWEST = 64, 16, 6

@@ -1,18 +1,18 @@
 """Error bars of ray sampling: from two independent subsets of a run's rays, or from several passes of rays."""
 
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
+
 import numpy as np
+
 from sarmitsuba.core.arrays import C64, F32, sum_energy
 from sarmitsuba.core.constants import SUBSET_SHARES
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.units import amplitude_from_db, db_from_power
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.signal.image import SarImage, sliding_means
-from sarmitsuba.signal.raw.raw_data import Layer
-
+from sarmitsuba.signal.raw_data import Layer
 
 Source = Literal["ray sampling, from two sets of rays", "ray sampling, from passes"]
 SUBSETS: Source = "ray sampling, from two sets of rays"

@@ -12,7 +12,7 @@ from sarmitsuba.scene.scatterers import targets_by_kind
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.look import adjoint_cells, form_image
 from sarmitsuba.signal.focusing.look_parts import GridPart, PartImages, PowerResponse
-from sarmitsuba.signal.raw.sub_bands import RangeFilter
+from sarmitsuba.signal.sub_bands import RangeFilter
 from sarmitsuba.simulation.execution.image import Imager
 from sarmitsuba.simulation.execution.tracing import MAX_GRID_BYTES
 from sarmitsuba.tracing.kernel.launch import LaunchGrid

@@ -19,25 +19,29 @@ from sarmitsuba.signal.focusing.look import Look, form_image, plan_look
 from sarmitsuba.signal.focusing.look_geometry import passing_time, sweeps
 from sarmitsuba.signal.focusing.windows import parse_window
 from sarmitsuba.signal.image import ImageGrid, SarImage
-from sarmitsuba.signal.raw.noise import noise_generator, noise_power
-from sarmitsuba.signal.raw.raw_data import Layer
-from sarmitsuba.signal.raw.sub_bands import RangeFilter, SubBands
+from sarmitsuba.signal.noise import noise_generator, noise_power
+from sarmitsuba.signal.raw_data import Layer
+from sarmitsuba.signal.sub_bands import RangeFilter, SubBands
 from sarmitsuba.simulation.execution.blame import check_traced
+from sarmitsuba.simulation.execution.error_bars import estimate_error, has_subsets
 from sarmitsuba.simulation.execution.metadata import image_metadata
-from sarmitsuba.simulation.execution.points import PointLegs, build_legs, takes_part
-from sarmitsuba.simulation.execution.points import PointTaps, point_taps
-from sarmitsuba.simulation.execution.points import PointEcho
-from sarmitsuba.simulation.execution.tracing import AntennaStates
+from sarmitsuba.simulation.execution.points import (
+    PointEcho,
+    PointLegs,
+    PointTaps,
+    build_legs,
+    point_taps,
+    takes_part,
+)
 from sarmitsuba.simulation.execution.raster import Raster
 from sarmitsuba.simulation.execution.ray_witness import halved_plan, say_rays, witness_rays
-from sarmitsuba.simulation.execution.error_bars import estimate_error, has_subsets
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
-from sarmitsuba.simulation.execution.tracing import MAX_LANES, Tracer, polarisation_up
+from sarmitsuba.simulation.execution.tracing import MAX_LANES, AntennaStates, Tracer, polarisation_up
 from sarmitsuba.simulation.planning.prediction.counting import WITNESS_LEAST, WITNESS_SHARE
 from sarmitsuba.simulation.planning.sampling.rays import check_small_parts
-from sarmitsuba.tracing.kernel.launch import LaunchGrid
 from sarmitsuba.tracing.kernel.accumulators import ImageAccumulator
+from sarmitsuba.tracing.kernel.launch import LaunchGrid
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene
 from sarmitsuba.tracing.kernel.source import Launch
 from sarmitsuba.tracing.kernel.stage import stages_of

@@ -3,53 +3,54 @@
 Running mean of the passes of a run, and the file that stores it between runs.
 """
 
-
+import dataclasses
+import json
+import math
+import os
+import struct
 import time
-from collections.abc import Mapping
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
+
 import numpy as np
-from sarmitsuba.core.arrays import C64
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from sarmitsuba.core.arrays import C64, check_pulses
 from sarmitsuba.core.constants import DEFAULT_WINDOW, RAY_ERROR_ORDER
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.core.timing import Clock
 from sarmitsuba.core.units import power_from_db
 from sarmitsuba.core.witness import Witness
+from sarmitsuba.machine.atomic import atomic_path, offer_resuming
+from sarmitsuba.machine.encoding import json_value, to_json
 from sarmitsuba.machine.exclusive import exclusive
+from sarmitsuba.machine.regular_files import open_regular
 from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.signal.focusing import default_grid, focus
 from sarmitsuba.signal.image import ImageGrid, SarImage
-from sarmitsuba.signal.raw.noise import add_noise
-from sarmitsuba.signal.raw.raw_data import Layer, RawData, channels_of
-from sarmitsuba.simulation.execution.tracing import Workers
+from sarmitsuba.signal.noise import add_noise
+from sarmitsuba.signal.raw_data import Layer, RawData, channels_of, sum_of_channel
+from sarmitsuba.simulation.execution.error_bars import (
+    PASSES,
+    SUBSETS,
+    ErrorBars,
+    Source,
+    add_error_bars,
+    estimate_error,
+    estimate_pass_error,
+)
 from sarmitsuba.simulation.execution.fingerprint import fingerprint
 from sarmitsuba.simulation.execution.finished import FinishedBlocks
 from sarmitsuba.simulation.execution.raw import echoes
-from sarmitsuba.simulation.execution.error_bars import PASSES, SUBSETS, ErrorBars, Source, add_error_bars, estimate_error, estimate_pass_error
 from sarmitsuba.simulation.execution.run import Ready, Run
-import dataclasses
-import json
-import math
-import os
-import struct
-import tokenize
-import zipfile
-import zlib
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import TypeVar
-from numpy.lib import format as npy
-from numpy.typing import NDArray
-from sarmitsuba.core.arrays import C64, check_pulses
-from sarmitsuba.machine.atomic import atomic_path
-from sarmitsuba.machine.encoding import json_value, to_json
-from sarmitsuba.machine.regular_files import open_regular
-from sarmitsuba.machine.atomic import offer_resuming
-from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.raw.raw_data import Layer, RawData, channels_of, sum_of_channel
-from sarmitsuba.simulation.execution.error_bars import PASSES, SUBSETS, Source
-
+from sarmitsuba.simulation.execution.tracing import Workers
 
 G = TypeVar("G", bound=np.generic)
 # exceptions of NumPy, zip and JSON for a damaged file
@@ -599,5 +600,3 @@ def _next_level(passes: Passes, took: float, left: float) -> int | None:
         return level + 1
     return level if took <= 1.5 * left and left > 0.0 else None
 
-
-__all__ = ["STATE_FILE", "Passes", "Refinement", "blocks_of", "refine"]

@@ -18,10 +18,9 @@ from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.simulation.execution.blame import blame_stages, check_traced
 from sarmitsuba.simulation.execution.points import point_echo, point_history
-from sarmitsuba.simulation.execution.tracing import AntennaStates
 from sarmitsuba.simulation.execution.recording import Gate, Recording, Rows
 from sarmitsuba.simulation.execution.run import Run
-from sarmitsuba.simulation.execution.tracing import Tracer
+from sarmitsuba.simulation.execution.tracing import AntennaStates, Tracer
 from sarmitsuba.simulation.planning.prediction.counting import check_rays
 from sarmitsuba.simulation.planning.sampling.density_plan import azimuth_cell
 from sarmitsuba.simulation.planning.sampling.rays import Rays
@@ -177,7 +176,7 @@ def trace_paths(
     -------
     the paths whose sum is the pulse's echo by method ``raw`` with the same seed, without noise and with the effect
     ``wideband`` off: each contributes ``amplitude sinc((r - slant_range) / range_cell)``; with the effect
-    ``motion_in_pulse`` it is also shifted by its range rate, see :mod:`sarmitsuba.signal.raw.pulse_motion`
+    ``motion_in_pulse`` it is also shifted by its range rate, see :mod:`sarmitsuba.signal.pulse_motion`
 
     Raises
     ------

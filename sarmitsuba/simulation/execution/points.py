@@ -7,40 +7,31 @@ Echoes of ideal points on the grid of the looks.
 Start points of legs from points that lie on facets: displaced off the facets, to the side of the leg.
 """
 
-
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+
 import numpy as np
-from sarmitsuba.core.arrays import C64, C128, F64
+
+from sarmitsuba.core.arrays import C64, C128, F64, I64, unit_rows
 from sarmitsuba.core.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.machine.backend import dr, mi
-from sarmitsuba.radar.polarisation import isotropic_response
+from sarmitsuba.machine.backend import device_array, dr, mi
+from sarmitsuba.radar.polarisation import RECEIVED, isotropic_response, linear_parts
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.aperture_weights import antennas_gain
-from sarmitsuba.signal.raw.pulse_motion import InPulse, carrier_range
-from sarmitsuba.signal.raw.raw_data import Layer
-from sarmitsuba.signal.raw.sub_bands import SubBands
+from sarmitsuba.signal.look_grid import LookGrid
+from sarmitsuba.signal.pulse_motion import InPulse, carrier_range
+from sarmitsuba.signal.raw_data import Layer
+from sarmitsuba.signal.sub_bands import SubBands
 from sarmitsuba.simulation.execution.blame import blame_stages
 from sarmitsuba.simulation.execution.tracing import polarisation_up
+from sarmitsuba.tracing.kernel.leg import Surroundings, antenna_basis, straight_leg
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene
 from sarmitsuba.tracing.kernel.stage import apply_at_echo, changes_echoes
 from sarmitsuba.tracing.kernel.state import SCATTERER, Contribution
-from collections.abc import Sequence
-from sarmitsuba.core.arrays import C128, F64, unit_rows
-from sarmitsuba.core.constants import SPEED_OF_LIGHT
-from sarmitsuba.machine.backend import device_array, dr, mi
-from sarmitsuba.radar.polarisation import RECEIVED, isotropic_response, linear_parts
-from sarmitsuba.tracing.kernel.leg import Surroundings, antenna_basis, straight_leg
-from sarmitsuba.tracing.kernel.stage import changes_echoes
 from sarmitsuba.tracing.scatterers.slabs.slab_coefficients import lets_waves_through
-from dataclasses import dataclass, fields
-from sarmitsuba.core.arrays import C64, C128, F64, I64
-from sarmitsuba.signal.raw.look_grid import LookGrid
-from sarmitsuba.core.arrays import F64, unit_rows
-
 
 # m; distance within which a point counts as lying on a facet: meshes and heights in files are not more accurate
 ON_SURFACE = 1e-3

@@ -14,8 +14,8 @@ from sarmitsuba.core.timing import StageTimer
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.radar.height_error import NOTED_DB, WARNED_DB, height_error
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.raw.noise import add_noise
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.noise import add_noise
+from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution.blame import check_traced
 from sarmitsuba.simulation.execution.blocks import Blocks
 from sarmitsuba.simulation.execution.metadata import raw_metadata
@@ -31,9 +31,9 @@ from sarmitsuba.simulation.execution.witnesses import (
     effect_witness,
 )
 from sarmitsuba.simulation.planning.prediction.counting import WITNESS_LEAST
-from sarmitsuba.simulation.planning.sampling.rays import check_sampling, check_small_parts
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.planning.sampling.folding import check_folding
+from sarmitsuba.simulation.planning.sampling.rays import check_sampling, check_small_parts
 
 # error of blocks of pulses from which on a note says so, dB of the energy
 BLOCKS_SAID_DB = -20.0

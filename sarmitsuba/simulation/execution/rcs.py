@@ -3,15 +3,16 @@
 Targets in the far field: aspect angles, centre and outline of a target, and the site from which sources are made.
 """
 
-
 import itertools
 import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
 from sarmitsuba.core.arrays import C128, F64, all_finite, unit_rows
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import RadarError, SarmitsubaWarning
@@ -19,36 +20,43 @@ from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.effects.fold_sections import Folds
 from sarmitsuba.machine.backend import dr
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.mesh.sharp_edges import SharpEdges
+from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TOLERANCE_DB
 from sarmitsuba.simulation.execution.blame import blame_stages, check_traced, find_blame
+from sarmitsuba.simulation.execution.error_statement import followed_folds
 from sarmitsuba.simulation.execution.recording import Recording
-from sarmitsuba.simulation.planning.sampling.density_plan import FINE_RAYS, RAYS_PER_WAVELENGTH
+from sarmitsuba.simulation.planning.sampling.density_plan import (
+    CELLS_PER_RESOLUTION,
+    FINE_RAYS,
+    RAYS_PER_WAVELENGTH,
+)
+from sarmitsuba.simulation.planning.site import VIEW_TURN
 from sarmitsuba.tracing.kernel.accumulators import SumAccumulator
 from sarmitsuba.tracing.kernel.kernel import KernelSettings, trace
-from sarmitsuba.tracing.kernel.launch import LaunchFrame, LaunchGrid, PulseBatch, frame_towards, lattice, project
+from sarmitsuba.tracing.kernel.launch import (
+    LaunchFrame,
+    LaunchGrid,
+    PulseBatch,
+    frame_towards,
+    lattice,
+    project,
+)
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.tracing.kernel.source import Source, launches
 from sarmitsuba.tracing.kernel.staged import through_stages
 from sarmitsuba.tracing.kernel.state import Kernel
 from sarmitsuba.tracing.kernel.surfaces import Surfaces
-from sarmitsuba.tracing.scatterers.slabs.passage import Passage
-from functools import cached_property
-from sarmitsuba.core.arrays import F64
-from sarmitsuba.effects.fold_sections import Folds
-from sarmitsuba.scene.mesh.sharp_edges import SharpEdges
-from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.execution.error_statement import followed_folds
-from sarmitsuba.simulation.planning.sampling.density_plan import CELLS_PER_RESOLUTION
-from sarmitsuba.simulation.planning.site import VIEW_TURN
 from sarmitsuba.tracing.scatterers.edges.diffraction import edges_of
+from sarmitsuba.tracing.scatterers.slabs.passage import Passage
 from sarmitsuba.tracing.scatterers.sources import Site, passages_of
-
 
 # lanes of one launch: few enough for progress to be seen, many enough that the launch itself costs nothing
 MAX_LANES = 4_000_000

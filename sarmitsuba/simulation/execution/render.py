@@ -23,15 +23,15 @@ from sarmitsuba.signal.focusing.autofocus import Autofocuser
 from sarmitsuba.signal.focusing.focuser import DEFAULT, Focuser
 from sarmitsuba.signal.focusing.windows import Window
 from sarmitsuba.signal.image import ImageGrid, SarImage
-from sarmitsuba.signal.raw.raw_data import RawData
-from sarmitsuba.simulation.execution.tracing import Workers
+from sarmitsuba.signal.raw_data import RawData
+from sarmitsuba.simulation.execution.error_bars import add_error_bars
 from sarmitsuba.simulation.execution.fingerprint import fingerprint
 from sarmitsuba.simulation.execution.finished import FinishedBlocks
 from sarmitsuba.simulation.execution.image import Imager
-from sarmitsuba.simulation.execution.raw import echoes
-from sarmitsuba.simulation.execution.error_bars import add_error_bars
 from sarmitsuba.simulation.execution.passes import Refinement, refine
+from sarmitsuba.simulation.execution.raw import echoes
 from sarmitsuba.simulation.execution.run import Ready, Run
+from sarmitsuba.simulation.execution.tracing import Workers
 
 
 @dataclass(frozen=True, eq=False)

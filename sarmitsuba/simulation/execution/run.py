@@ -15,11 +15,10 @@ from sarmitsuba.machine.exclusive import take_threads
 from sarmitsuba.scene.ground import continue_ground
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.simulation.execution.tracing import TraceJob, Workers, build_geometry
 from sarmitsuba.simulation.execution.finished import FinishedBlocks
 from sarmitsuba.simulation.execution.layers import LayerPlan
 from sarmitsuba.simulation.execution.statistics import SamplingReport, TraceStatistics
-from sarmitsuba.simulation.execution.tracing import Tracer
+from sarmitsuba.simulation.execution.tracing import TraceJob, Tracer, Workers, build_geometry
 from sarmitsuba.simulation.planning.pilot import examine, plan_in
 from sarmitsuba.simulation.planning.prediction.counting import needs_of
 from sarmitsuba.simulation.planning.prediction.needs import Needs

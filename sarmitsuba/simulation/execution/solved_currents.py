@@ -14,8 +14,8 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.omitted_waves import polarisation_vectors
 from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.radar.polarisation import linear_parts
-from sarmitsuba.scene.mesh.remesh import contacts
 from sarmitsuba.scene.mesh.double_faces import double_faces
+from sarmitsuba.scene.mesh.remesh import contacts
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.visible_faces import VisibleFaces
 from sarmitsuba.tracing.scatterers.currents.solution import (

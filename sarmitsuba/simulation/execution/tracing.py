@@ -5,57 +5,47 @@ Batches of pulses of a run, which can be traced independently of each other in a
 Pulses of one batch: antenna states at the traced pulses, grid of their echoes, and range profiles from the grid.
 """
 
-
-from collections.abc import Iterator, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Protocol
+
 import numpy as np
-from sarmitsuba.core.arrays import F64
+from numpy.typing import NDArray
+
+from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.timing import StageTimer
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.signal.raw.sub_bands import RangeFilter, SubBands
+from sarmitsuba.radar.track_errors import turn_axes
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.signal.block import BlockPlan, plan_block
+from sarmitsuba.signal.block_synthesis import synthesise, synthesise_adjoint
+from sarmitsuba.signal.direct import DirectPlan, finish, finish_adjoint, plan_direct
+from sarmitsuba.signal.sub_bands import RangeFilter, SubBands
 from sarmitsuba.simulation.execution.blame import blame_stages, check_traced, find_blame
+from sarmitsuba.simulation.execution.layers import LayerPlan
 from sarmitsuba.simulation.execution.recording import Recording
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
+from sarmitsuba.simulation.planning.sampling.rays import Rays
 from sarmitsuba.simulation.planning.site import RunSite
 from sarmitsuba.tracing.derivatives.path_derivatives import differentiate, record_beside
 from sarmitsuba.tracing.derivatives.tangents import TangentPlan
 from sarmitsuba.tracing.kernel.accumulators import BlockAccumulator, DirectAccumulator, GridAccumulator
 from sarmitsuba.tracing.kernel.kernel import Accumulator, KernelSettings
 from sarmitsuba.tracing.kernel.launch import LaunchFrame, LaunchGrid, PulseBatch
-from sarmitsuba.tracing.kernel.scene_tables import TraceScene
-from sarmitsuba.tracing.kernel.source import Launch, Source, launches
+from sarmitsuba.tracing.kernel.scene_tables import TraceScene, build_trace_scene
+from sarmitsuba.tracing.kernel.source import Launch, Part, Source, launches
 from sarmitsuba.tracing.kernel.state import Kernel
 from sarmitsuba.tracing.kernel.surfaces import Surfaces
 from sarmitsuba.tracing.kernel.tubes.polygon import INNER_UP_TO
-from sarmitsuba.tracing.scatterers.sources import sources_of
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import Protocol
-from sarmitsuba.core.arrays import C64
-from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.raw.sub_bands import RangeFilter
-from sarmitsuba.simulation.execution.layers import LayerPlan
-from sarmitsuba.simulation.planning.sampling.rays import Rays
-from sarmitsuba.tracing.kernel.accumulators import GridAccumulator
-from sarmitsuba.tracing.kernel.launch import LaunchGrid
-from sarmitsuba.tracing.kernel.scene_tables import TraceScene, build_trace_scene
-from sarmitsuba.tracing.kernel.source import Part
-from sarmitsuba.tracing.scatterers.sources import passages_of
-from abc import ABC, abstractmethod
-from numpy.typing import NDArray
-from sarmitsuba.core.arrays import C64, F64
-from sarmitsuba.radar.track_errors import turn_axes
-from sarmitsuba.signal.raw.block import BlockPlan, plan_block
-from sarmitsuba.signal.raw.block_synthesis import synthesise, synthesise_adjoint
-from sarmitsuba.signal.raw.direct import DirectPlan, finish, finish_adjoint, plan_direct
-
+from sarmitsuba.tracing.scatterers.sources import passages_of, sources_of
 
 # step of the derivative by the azimuth angle of the beam, over the half-power half-width
 AZIMUTH_STEP = 0.01

@@ -6,49 +6,61 @@ from the target to the radar. Phase is referred to the centre of all visible obj
 Inverse-SAR (turntable) image of a target from a sweep of azimuth: the scene whose rendering it is.
 """
 
-
 import dataclasses
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
+
 from sarmitsuba.core.arrays import C128, F64
+from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.core.units import db_from_amplitude, db_from_power, power_from_db
 from sarmitsuba.effects.catalog.full_wave import FULL_WAVE
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import plan_effects, remove_switch
+from sarmitsuba.loading.assemble import seen_by
 from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.radar.antenna import Antenna
+from sarmitsuba.radar.description import RadarDescription, RadarInput
+from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.track import Track
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.round_facets import RoundFacets, smooth_geometry
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.execution.blame import check_traced
 from sarmitsuba.simulation.execution.error_statement import SILENT_DB, ErrorStatement, say_sampling_error
-from sarmitsuba.simulation.execution.rcs import FAR, Aspects, FarSite, geometry_of, target_middle
-from sarmitsuba.simulation.execution.points import PointLegs
-from sarmitsuba.simulation.execution.points import PointEcho
-from sarmitsuba.simulation.execution.rcs import BouncesLeft, RcsResult, choose_probes, monostatic_rcs
-from sarmitsuba.simulation.execution.solved_currents import WORTH_DB, FullWaveTarget, SolvedCurrents, solve_currents
+from sarmitsuba.simulation.execution.points import PointEcho, PointLegs
+from sarmitsuba.simulation.execution.rcs import (
+    FAR,
+    Aspects,
+    BouncesLeft,
+    FarSite,
+    RcsResult,
+    choose_probes,
+    geometry_of,
+    monostatic_rcs,
+    outline_of,
+    target_middle,
+)
+from sarmitsuba.simulation.execution.solved_currents import (
+    WORTH_DB,
+    FullWaveTarget,
+    SolvedCurrents,
+    solve_currents,
+)
 from sarmitsuba.simulation.planning.sampling.density_plan import FINE_RAYS, RAYS_PER_WAVELENGTH
 from sarmitsuba.simulation.planning.sampling.rays import MOST_TRACED, finer_spacing, worst
 from sarmitsuba.tracing.kernel.source import Source
 from sarmitsuba.tracing.kernel.stage import STAGES
 from sarmitsuba.tracing.scatterers.pairs.pair_estimate import pair_level
 from sarmitsuba.tracing.scatterers.sources import passages_of, sources_of
-from sarmitsuba.core.constants import SPEED_OF_LIGHT
-from sarmitsuba.effects.plan import remove_switch
-from sarmitsuba.loading.assemble import seen_by
-from sarmitsuba.radar.description import RadarDescription, RadarInput
-from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.scene.materials.map_materials import list_with_parts
-from sarmitsuba.simulation.execution.rcs import FAR, Aspects, outline_of, target_middle
-
 
 # cosine of the elevation below which H and V are defined by the azimuth, since the direction is nearly vertical
 STEEP = 1e-3

@@ -23,12 +23,11 @@ from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.effects.effect import EFFECTS
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.signal.raw.raw_data import Layer
-from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer
+from sarmitsuba.signal.raw_data import Layer
 from sarmitsuba.simulation.execution.blocks import BOUNDARY_SCATTER_DB, EMPTY_DB, Blocks, partition, strip
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
-from sarmitsuba.simulation.execution.tracing import Tracer
+from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, Tracer
 from sarmitsuba.simulation.planning.pilot import plan_in
 from sarmitsuba.simulation.planning.prediction.counting import WITNESS_LEAST, WITNESS_SHARE
 from sarmitsuba.simulation.planning.sampling.rays import Rays

@@ -9,41 +9,37 @@ Patches of rays of a pilot trace: their places, their launch, and the sums of th
 """
 
 from __future__ import annotations
+
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
+
 import numpy as np
+
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.timing import Clock
-from sarmitsuba.effects.context import PilotResult, SceneContext
+from sarmitsuba.effects.context import KINDS, PilotResult, SceneContext
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan, plan_effects
 from sarmitsuba.effects.shape import ShapeAnalysis
-from sarmitsuba.machine.backend import ensure_backend
+from sarmitsuba.machine.backend import dr, ensure_backend, mi
+from sarmitsuba.radar.polarisation import linear_letters
+from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.execution.in_phase import measure_in_phase
+from sarmitsuba.simulation.execution.in_phase import PatchReturns, azimuth_bin, measure_in_phase
+from sarmitsuba.simulation.execution.tracing import AntennaStates, polarisation_up, pulse_batch
 from sarmitsuba.simulation.planning.prediction.speed import run_seconds
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.planning.site import RunSite
-from sarmitsuba.tracing.kernel.scene_tables import TraceScene, build_trace_scene
-from sarmitsuba.tracing.scatterers.pairs.pair_estimate import pair_level
-from dataclasses import dataclass, replace
-from typing import Any
-from sarmitsuba.effects.context import KINDS
-from sarmitsuba.machine.backend import dr, mi
-from sarmitsuba.radar.polarisation import linear_letters
-from sarmitsuba.radar.radar import Radar
-from sarmitsuba.simulation.execution.in_phase import PatchReturns, azimuth_bin
-from sarmitsuba.simulation.execution.tracing import AntennaStates
-from sarmitsuba.simulation.execution.tracing import polarisation_up, pulse_batch
 from sarmitsuba.tracing.kernel.accumulators import phase_factor
 from sarmitsuba.tracing.kernel.device_arrays import device_array
 from sarmitsuba.tracing.kernel.kernel import KernelSettings, trace
 from sarmitsuba.tracing.kernel.launch import LATTICE_TURN, LaunchFrame, LaunchGrid, project
-from sarmitsuba.tracing.kernel.scene_tables import TraceScene
+from sarmitsuba.tracing.kernel.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.tracing.kernel.stage import KernelRecording
 from sarmitsuba.tracing.kernel.state import COHERENT, RECIPROCAL, Contribution, Hit, Kernel, RayState
-
+from sarmitsuba.tracing.scatterers.pairs.pair_estimate import pair_level
 
 CHANNELS = ("HH", "VV")
 # rays on a side of a patch: enough for the taper to suppress its edge by 30 dB

@@ -4,21 +4,25 @@ Accumulator of the image-domain method: the grid onto which the echoes of looks 
 """
 
 from __future__ import annotations
+
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
+
 import numpy as np
+
 from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.machine.backend import dr, mi
-from sarmitsuba.signal.raw.pulse_motion import carrier_range
+from sarmitsuba.signal.look_grid import LookGrid
+from sarmitsuba.signal.pulse_motion import carrier_range
 from sarmitsuba.tracing.kernel.device_arrays import device_array
-from dataclasses import replace
-from sarmitsuba.signal.raw.look_grid import LookGrid
+
 if TYPE_CHECKING:
     LostCount = tuple[mi.UInt32, mi.Float, mi.Float]
-    from sarmitsuba.signal.raw.block import BlockPlan
-    from sarmitsuba.signal.raw.direct import DirectPlan
-    from sarmitsuba.signal.raw.gridding import GriddingKernel
+    from sarmitsuba.signal.block import BlockPlan
+    from sarmitsuba.signal.direct import DirectPlan
+    from sarmitsuba.signal.gridding import GriddingKernel
     from sarmitsuba.tracing.derivatives.adjoint_grids import AdjointGrids
     from sarmitsuba.tracing.kernel.source import Launch
     from sarmitsuba.tracing.kernel.state import Contribution

@@ -7,20 +7,32 @@ Dyads are given by their values ``(hh, hv, vh, vv)``, first letter received, sec
 """
 
 from __future__ import annotations
+
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypeAlias
+
 import numpy as np
+
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.tracing.kernel import field
-from sarmitsuba.tracing.kernel.scene_tables import DIFFUSE_NODES, FORM_SHIFT, FORMS, MATERIAL_MASK, SPECTRUM_COSINES, SPECTRUM_SINES, TraceScene
+from sarmitsuba.tracing.kernel.scene_tables import (
+    DIFFUSE_NODES,
+    FORM_SHIFT,
+    FORMS,
+    MATERIAL_MASK,
+    SPECTRUM_COSINES,
+    SPECTRUM_SINES,
+    TraceScene,
+)
 from sarmitsuba.tracing.kernel.speckle import gaussian, unit_phase
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.tracing.kernel.table_rows import MaterialRow
     from sarmitsuba.tracing.scatterers.water.temporal import Age
-    from collections.abc import Iterator
 
 
 Dyad: TypeAlias = "tuple[mi.Complex2f, mi.Complex2f, mi.Complex2f, mi.Complex2f]"

@@ -17,8 +17,6 @@ from sarmitsuba.scene.materials.diffuse_law import LAWS, Bistatic
 from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.mesh.boundary_edges import N_EDGES, facets
-from sarmitsuba.scene.mesh.smooth_surface import facet_curvature
-from sarmitsuba.scene.mesh.topology import edge_pairs
 from sarmitsuba.scene.mesh.flattening import flatten_facets
 from sarmitsuba.scene.mesh.metal_corners import corner_needs
 from sarmitsuba.scene.mesh.pieces import (
@@ -29,7 +27,8 @@ from sarmitsuba.scene.mesh.pieces import (
     round_needs,
     slant_factor,
 )
-from sarmitsuba.scene.mesh.topology import copies_apart, weld
+from sarmitsuba.scene.mesh.smooth_surface import facet_curvature
+from sarmitsuba.scene.mesh.topology import copies_apart, edge_pairs, weld
 from sarmitsuba.tracing.kernel.device_arrays import device_array
 from sarmitsuba.tracing.kernel.intersector import clearance_of, intersector
 from sarmitsuba.tracing.kernel.movement import Movers

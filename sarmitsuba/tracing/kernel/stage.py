@@ -8,21 +8,29 @@ Check of what a user's stage returns: the kernel records only values of the same
 """
 
 from __future__ import annotations
-from dataclasses import replace
+
+from dataclasses import fields, is_dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, TypeVar
+
 from sarmitsuba.core.errors import ExtensionError, SarmitsubaError
 from sarmitsuba.core.registry import Calling, Registry, checked_type, is_built_in
 from sarmitsuba.effects.effect import EFFECTS
-from sarmitsuba.machine.backend import mi
-from dataclasses import fields, is_dataclass
-from typing import TypeVar
-from sarmitsuba.core.registry import checked_type
 from sarmitsuba.machine.backend import dr, mi
+
 if TYPE_CHECKING:
     from types import TracebackType
+
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.tracing.kernel.field import ComplexVector
-    from sarmitsuba.tracing.kernel.state import Closing, Contribution, Hit, Kernel, Lane, RayState, TubeFootprint
+    from sarmitsuba.tracing.kernel.state import (
+        Closing,
+        Contribution,
+        Hit,
+        Kernel,
+        Lane,
+        RayState,
+        TubeFootprint,
+    )
     from sarmitsuba.tracing.kernel.table_rows import MaterialRow
 
 

@@ -21,10 +21,10 @@ from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.signal.chirp import to_chirped
 from sarmitsuba.signal.focusing import focus
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.metrics import point_target_in
-from sarmitsuba.signal.raw.chirp import to_chirped
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth.validation import targets
 

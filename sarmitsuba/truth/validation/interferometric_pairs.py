@@ -14,8 +14,8 @@ from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import default_grid, focus
 from sarmitsuba.signal.image import SarImage
-from sarmitsuba.signal.raw.noise import add_noise
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.noise import add_noise
+from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation import targets

@@ -21,8 +21,8 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.windows import Window, parse_window
 from sarmitsuba.signal.image import ImageGrid, SarImage, backscatter
 from sarmitsuba.signal.pixel_labels import LabelLayer, Labels
-from sarmitsuba.simulation.execution.rcs import target_middle
 from sarmitsuba.simulation.execution.path_table import KINDS
+from sarmitsuba.simulation.execution.rcs import target_middle
 from sarmitsuba.simulation.execution.turntable import RcsSweep
 from sarmitsuba.version import __version__
 from sarmitsuba.view.display import has_clutter, limits_db

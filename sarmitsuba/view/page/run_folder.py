@@ -18,7 +18,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.range_compression import COMPRESSIONS, range_compress
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.pixel_labels import Labels
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution.fingerprint import shapes_hash
 
 RECORD, LABELS = "parameters.json", "labels.h5"

@@ -4,12 +4,12 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from sarmitsuba.core.errors import SceneError
+from sarmitsuba.loading.importing.city_model import footprint, is_building
 from sarmitsuba.loading.importing.import_options import ImportOptions
 from sarmitsuba.loading.importing.places import WGS84
 from sarmitsuba.loading.importing.polygons import require_shapely
 from sarmitsuba.loading.importing.reading import read_xml
 from sarmitsuba.loading.importing.source_format import SOURCES, CitySource, SourceFormat
-from sarmitsuba.loading.importing.city_model import footprint, is_building
 
 
 def read_osm(path: Path, options: ImportOptions) -> CitySource:

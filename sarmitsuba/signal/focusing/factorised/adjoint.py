@@ -40,8 +40,8 @@ from sarmitsuba.signal.focusing.factorised.stages import (
     tile_pixels,
 )
 from sarmitsuba.signal.focusing.profiles import MOST_BEYOND
+from sarmitsuba.signal.gridding import GriddingKernel
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.gridding import GriddingKernel
 
 if TYPE_CHECKING:
     Complex = tuple[dr.ArrayBase, dr.ArrayBase]

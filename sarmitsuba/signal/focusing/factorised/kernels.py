@@ -25,7 +25,7 @@ from sarmitsuba.signal.focusing.factorised.polar_lanes import (
     quads,
 )
 from sarmitsuba.signal.focusing.factorised.sampling import TAPS, refinement_weights
-from sarmitsuba.signal.raw.gridding import GriddingKernel
+from sarmitsuba.signal.gridding import GriddingKernel
 
 if TYPE_CHECKING:
     Complex = tuple[dr.ArrayBase, dr.ArrayBase]

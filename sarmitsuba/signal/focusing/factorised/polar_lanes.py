@@ -22,7 +22,7 @@ from sarmitsuba.signal.focusing.backprojection_kernel import (
     times,
 )
 from sarmitsuba.signal.focusing.factorised.division import Section, SubimageLevel
-from sarmitsuba.signal.raw.gridding import GriddingKernel
+from sarmitsuba.signal.gridding import GriddingKernel
 
 if TYPE_CHECKING:
     Complex = tuple[dr.ArrayBase, dr.ArrayBase]

@@ -11,7 +11,7 @@ from sarmitsuba.signal.focusing.backprojection_kernel import cis, scale_complex,
 from sarmitsuba.signal.focusing.factorised.kernels import pack_complex, unpack_complex
 from sarmitsuba.signal.focusing.factorised.polar_lanes import PolarAxes
 from sarmitsuba.signal.focusing.factorised.sampling import TAPS, row_polynomials
-from sarmitsuba.signal.raw.gridding import GriddingKernel
+from sarmitsuba.signal.gridding import GriddingKernel
 
 if TYPE_CHECKING:
     Complex = tuple[dr.ArrayBase, dr.ArrayBase]

@@ -25,7 +25,7 @@ from sarmitsuba.signal.focusing.factorised.sampling import CORRECTION, SubimageS
 from sarmitsuba.signal.focusing.profiles import MOST_BEYOND, ProfilePlan
 from sarmitsuba.signal.focusing.windows import Window
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 # bytes of profiles at a time
 BATCH_BYTES = 32 << 20

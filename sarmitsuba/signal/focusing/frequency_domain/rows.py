@@ -43,8 +43,8 @@ from sarmitsuba.signal.focusing.frequency_domain.weights import normalisation, p
 from sarmitsuba.signal.focusing.grid import RangeInterpolation, slant_ranges
 from sarmitsuba.signal.focusing.profiles import plan_spectrum
 from sarmitsuba.signal.focusing.windows import Window
+from sarmitsuba.signal.gridding import phase_ramp, unit_phasor
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.gridding import phase_ramp, unit_phasor
 
 # Doppler band of the image over the PRF above which a warning about azimuth aliasing is given
 _FOLDED = 1.05

@@ -25,12 +25,12 @@ from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import default_grid, focus
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
-from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer
+from sarmitsuba.signal.raw_data import Layer, RawData
 from sarmitsuba.simulation.execution.blocks import partition
 from sarmitsuba.simulation.execution.points import add_points
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer
 
 # least and largest number of blocks that are traced both ways, and most pulses of one where every pulse is traced
 PLACES, MOST_PLACES, LONGEST = 5, 48, 256

@@ -12,6 +12,8 @@ from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.signal.block import plan_block
+from sarmitsuba.signal.direct import plan_direct
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.focusing.focuser import (
     DEFAULT,
@@ -24,8 +26,6 @@ from sarmitsuba.signal.focusing.focuser import (
 from sarmitsuba.signal.focusing.focusers.backprojection import Backprojection
 from sarmitsuba.signal.focusing.look import look_size
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.block import plan_block
-from sarmitsuba.signal.raw.direct import plan_direct
 from sarmitsuba.simulation.execution.layers import LayerPlan
 from sarmitsuba.simulation.execution.tracing import MAX_GRID_BYTES, MAX_LANES
 from sarmitsuba.simulation.planning.prediction.needs import Needs

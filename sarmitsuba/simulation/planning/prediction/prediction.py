@@ -3,42 +3,36 @@
 Explanation of a run before it starts: effects with their reasons, time and memory.
 """
 
-
 import gc
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+
 import numpy as np
+
 from sarmitsuba.core.arrays import C64
 from sarmitsuba.core.timing import Clock, StageTimer
-from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.core.units import db_from_power
+from sarmitsuba.effects.plan import Decision, EffectsPlan
+from sarmitsuba.machine.exclusive import exclusive
+from sarmitsuba.machine.memory import format_bytes
 from sarmitsuba.scene.ground import continue_ground
-from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.signal.focusing import default_grid, focus
 from sarmitsuba.signal.focusing.focuser import EXACT
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.raw_data import Layer, RawData
 from sarmitsuba.simulation.execution.blocks import Blocks
 from sarmitsuba.simulation.execution.points import add_points
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
 from sarmitsuba.simulation.planning.pilot import plan_scene
-from sarmitsuba.simulation.planning.prediction.both_ways import measured_both_ways
+from sarmitsuba.simulation.planning.prediction.both_ways import NOTHING, measured_both_ways
 from sarmitsuba.simulation.planning.prediction.counting import default_focuser
-from sarmitsuba.simulation.planning.prediction.needs import Needs
+from sarmitsuba.simulation.planning.prediction.needs import Needs, duration
 from sarmitsuba.simulation.planning.prediction.speed import SpeedModel, Work
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.planning.sampling.piece import middle_pulses
-from collections.abc import Mapping
-from dataclasses import dataclass
-from sarmitsuba.core.units import db_from_power
-from sarmitsuba.effects.plan import Decision, EffectsPlan
-from sarmitsuba.machine.exclusive import exclusive
-from sarmitsuba.machine.memory import format_bytes
-from sarmitsuba.scene.scene import Scene, SceneLike
-from sarmitsuba.simulation.planning.prediction.both_ways import NOTHING
-from sarmitsuba.simulation.planning.prediction.needs import duration
-
 
 # bytes that a run may add to the process for a part of it to be traced for the prediction
 MEASURED_MEMORY = 1_000_000_000

@@ -12,8 +12,8 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.mesh.sharp_edges import SharpEdges
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.raw.block import choose_block_length
-from sarmitsuba.signal.raw.direct import box_slant_range
+from sarmitsuba.signal.block import choose_block_length
+from sarmitsuba.signal.direct import box_slant_range
 from sarmitsuba.simulation.planning.sampling import movers, water
 from sarmitsuba.simulation.planning.sampling.double_bounce import steep_faces
 from sarmitsuba.simulation.planning.sampling.launch_window import (

@@ -3,18 +3,25 @@
 Wires in the lit part of a scene, clipped to a box.
 """
 
-
 from dataclasses import dataclass
+
 import numpy as np
+
 from sarmitsuba.core.arrays import F64, box_corners, unit_rows
 from sarmitsuba.core.errors import RadarError
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.planning.sampling.double_bounce import GRAZING, MOST_RAYS, bounce_ground, steep_faces, unlit_ground, visible_faces
+from sarmitsuba.simulation.planning.sampling.double_bounce import (
+    GRAZING,
+    MOST_RAYS,
+    bounce_ground,
+    steep_faces,
+    unlit_ground,
+    visible_faces,
+)
 from sarmitsuba.simulation.planning.sampling.movers import find_lit_boxes, swept
 from sarmitsuba.tracing.kernel.launch import LaunchFrame, frame_towards, window_of
-from sarmitsuba.core.arrays import F64
 
 
 def clip_segments(segments: F64, low: F64, high: F64) -> F64:

@@ -5,23 +5,21 @@ Refinement of the automatic ray spacing by the measured sampling error, in place
 Warnings about ray spacings that are too large.
 """
 
-
+import math
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+
 import numpy as np
+
+from sarmitsuba.core.errors import SarmitsubaWarning
+from sarmitsuba.simulation.execution.statistics import LatticeSpacings
 from sarmitsuba.simulation.planning.sampling.chains import divide_cells, halve_spacing
-from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
+from sarmitsuba.simulation.planning.sampling.density_plan import FINE_RAYS, SamplingPlan
 from sarmitsuba.simulation.planning.sampling.launch_window import bounding_antennas
 from sarmitsuba.simulation.planning.sampling.small_parts import Shortfall, add_small_parts, coarse_corners
 from sarmitsuba.tracing.kernel.launch import LaunchGrid
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene
-import math
-from collections.abc import Iterable
-import warnings
-from collections.abc import Iterator, Sequence
-from sarmitsuba.core.errors import SarmitsubaWarning
-from sarmitsuba.simulation.execution.statistics import LatticeSpacings
-from sarmitsuba.simulation.planning.sampling.density_plan import FINE_RAYS, SamplingPlan
-from sarmitsuba.simulation.planning.sampling.small_parts import Shortfall
 
 
 class Rays:

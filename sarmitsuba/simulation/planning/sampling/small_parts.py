@@ -3,24 +3,20 @@
 Lattices over small parts of the scene: finer rays where a piece of surface is narrower than the ray spacing.
 """
 
-
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
+from itertools import combinations
+
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from sarmitsuba.core.arrays import F32, F64
+
+from sarmitsuba.core.arrays import F32, F64, I64, box_corners, box_of_each
 from sarmitsuba.core.units import db_from_amplitude
 from sarmitsuba.scene.mesh.metal_corners import MOST_RAYS as CORNER_RAYS
-from sarmitsuba.tracing.kernel.launch import LatticeLevel, LaunchFrame, LaunchGrid, Purpose, morton
+from sarmitsuba.tracing.kernel.launch import LatticeLevel, LaunchFrame, LaunchGrid, Purpose, morton, project
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from itertools import combinations
-import scipy
-from sarmitsuba.core.arrays import F64, I64, box_corners, box_of_each
-from sarmitsuba.tracing.kernel.launch import LaunchFrame, project
-
 
 # largest length of the parts into which triangles are cut, steps of the lattice: the motion between the antenna
 # positions differs from end to end of a long triangle

@@ -4,10 +4,11 @@ Variation of the surface normal over a ray tube on a curved mirror, which makes 
 """
 
 from __future__ import annotations
-from collections.abc import Sequence
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+
 from sarmitsuba.machine.backend import dr, mi
-from collections.abc import Callable
 
 
 def footprint(edge: mi.Vector3f, d: mi.Vector3f, n: mi.Vector3f, cos_theta: mi.Float) -> mi.Vector3f:

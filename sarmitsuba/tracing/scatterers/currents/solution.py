@@ -9,11 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C128, F64, I64
-from sarmitsuba.scene.mesh.remesh import conforming
-from sarmitsuba.scene.mesh.topology import label_connected
-from sarmitsuba.scene.mesh.topology import edge_pairs
 from sarmitsuba.scene.mesh.mirrors import mirror_planes, part_of
-from sarmitsuba.scene.mesh.remesh import DEVIATION, remesh
+from sarmitsuba.scene.mesh.remesh import DEVIATION, conforming, remesh
+from sarmitsuba.scene.mesh.topology import edge_pairs, label_connected
 from sarmitsuba.tracing.scatterers.currents.basis import CurrentBasis
 from sarmitsuba.tracing.scatterers.currents.matrix import MomentMatrices
 

@@ -14,8 +14,7 @@ from sarmitsuba.core.arrays import F64
 from sarmitsuba.machine.backend import device_array, dr, mi
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.materials.material import Material
-from sarmitsuba.scene.mesh.sharp_edges import DIRECTIONS, SharpEdges, sharp_edges
-from sarmitsuba.scene.mesh.sharp_edges import metal_edges
+from sarmitsuba.scene.mesh.sharp_edges import DIRECTIONS, SharpEdges, metal_edges, sharp_edges
 from sarmitsuba.scene.visible_faces import VisibleFaces
 from sarmitsuba.tracing.derivatives.hooks import derivatives_of
 from sarmitsuba.tracing.kernel import field

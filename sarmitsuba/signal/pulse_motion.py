@@ -27,7 +27,7 @@ import numpy as np
 from sarmitsuba.core.arrays import C64, F64, LinearMap, Samples, box_corners
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 # samples processed at a time
 _BATCH = 1 << 20

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sarmitsuba.apps.cost.model import AFFECTS, FLOOR_DB, CostModel
-from sarmitsuba.apps.cost.report import SPARE_DB, Reference, Row
-from sarmitsuba.apps.cost.trials import Trial, Trials, TrialSetting, Value
+from sarmitsuba.apps.cost_model import AFFECTS, FLOOR_DB, CostModel
+from sarmitsuba.apps.cost_report import SPARE_DB, Reference, Row
+from sarmitsuba.apps.cost_trials import Trial, Trials, TrialSetting, Value
 from sarmitsuba.core.errors import SarmitsubaError
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.plan import EffectsPlan

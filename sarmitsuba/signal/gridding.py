@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.core.arrays import C64, C128, F64, Samples
 from sarmitsuba.core.errors import RadarError
 from sarmitsuba.core.units import db_from_power
-from sarmitsuba.signal.raw.sub_bands import RangeFilter
+from sarmitsuba.signal.sub_bands import RangeFilter
 
 _STRIDE = 32  # steps of a ramp that one fine table covers
 

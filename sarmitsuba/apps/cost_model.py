@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sarmitsuba.apps.cost.report import Candidate, ProofRun
-from sarmitsuba.apps.cost.trials import Changes, Value
+from sarmitsuba.apps.cost_report import Candidate, ProofRun
+from sarmitsuba.apps.cost_trials import Changes, Value
 from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.simulation.planning.sampling.density_plan import RaySpacings
 

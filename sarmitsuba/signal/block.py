@@ -17,10 +17,10 @@ from sarmitsuba.core.units import amplitude_from_db, db_from_amplitude, db_from_
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
-from sarmitsuba.signal.raw.direct import box_distance
-from sarmitsuba.signal.raw.gridding import FineGrid, GriddingKernel, fine_grid, gridding_kernel
-from sarmitsuba.signal.raw.pulse_motion import InPulse, widest_shift
-from sarmitsuba.signal.raw.threads import one_blas_thread
+from sarmitsuba.signal.direct import box_distance
+from sarmitsuba.signal.gridding import FineGrid, GriddingKernel, fine_grid, gridding_kernel
+from sarmitsuba.signal.pulse_motion import InPulse, widest_shift
+from sarmitsuba.signal.threads import one_blas_thread
 
 # error of the azimuth pattern at the ends of a block, dB; 5 dB less in the mean over its pulses
 _BEAM_DB = -48.0

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sarmitsuba.analysis.labels.ground_shapes import ground_shapes
+from sarmitsuba.analysis.label_sight import ground_shapes
 from sarmitsuba.core.arrays import F64, I64, U32
 from sarmitsuba.core.errors import ResourceError
 from sarmitsuba.scene.geometry import Geometry, PointTarget

@@ -10,7 +10,7 @@ from sarmitsuba.core.arrays import C128
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.waveform import Waveform
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 _BATCH = 2**22  # complex samples transformed at once, 32 MB
 
@@ -55,7 +55,7 @@ def to_chirped(raw: RawData) -> RawData:
     .. math:: s_i = \frac{B}{f_s} \sum_j p_j \, g_{i - j}
 
     A point of peak A becomes ``A exp(j pi gamma (t - 2 R / c)^2)``, of magnitude A all through the pulse, on
-    the fast times stated in :class:`sarmitsuba.signal.raw.raw_data.RawData`.
+    the fast times stated in :class:`sarmitsuba.signal.raw_data.RawData`.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.signal.raw.gridding import (
+from sarmitsuba.signal.gridding import (
     FineGrid,
     GriddingKernel,
     fine_grid,
@@ -16,8 +16,8 @@ from sarmitsuba.signal.raw.gridding import (
     to_window,
     to_window_adjoint,
 )
-from sarmitsuba.signal.raw.pulse_motion import InPulse, widest_shift
-from sarmitsuba.signal.raw.sub_bands import RangeFilter
+from sarmitsuba.signal.pulse_motion import InPulse, widest_shift
+from sarmitsuba.signal.sub_bands import RangeFilter
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +162,7 @@ def finish(
 
     Returns
     -------
-    (n_layers, n_pulses, n_samples) complex64 on ``radar.window``, see :class:`sarmitsuba.signal.raw.raw_data.RawData`
+    (n_layers, n_pulses, n_samples) complex64 on ``radar.window``, see :class:`sarmitsuba.signal.raw_data.RawData`
     """
     offset = radar.window.start_range[plan.start : plan.stop] - plan.range0
     cell, n_samples = radar.waveform.range_cell, radar.window.n_samples

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from sarmitsuba.analysis.labels.classes import checked_classes
 from sarmitsuba.analysis.echo_labels import ECHO_LAYERS, echo_labels
 from sarmitsuba.analysis.geometric_labels import (
     GEOMETRIC_LAYERS,
@@ -14,6 +13,7 @@ from sarmitsuba.analysis.geometric_labels import (
     geometric_notes,
     surface_points,
 )
+from sarmitsuba.analysis.label_classes import checked_classes
 from sarmitsuba.core.constants import DEFAULT_WINDOW
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.parameters import did_you_mean

@@ -9,7 +9,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from sarmitsuba.apps.cost.trials import Changes, Trials, TrialSetting
+from sarmitsuba.apps.cost_trials import Changes, Trials, TrialSetting
 from sarmitsuba.core.arrays import C64, C128, sum_energy
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.scene.scene import Scene
@@ -100,7 +100,7 @@ class Proof:
         """Error on the field and seconds on the whole scene, with these lattices.
 
         Short runs, and those that deviate from the ``expected`` seconds, are repeated
-        (:meth:`sarmitsuba.apps.cost.trials.Trials.steady`).
+        (:meth:`sarmitsuba.apps.cost_trials.Trials.steady`).
         """
         setting = self.base.but(**changes)
         trial = self.trials.run(self.field, setting, self.grid, pass_index=pass_index)
@@ -206,7 +206,7 @@ class Recommendation:
 
 @dataclass(frozen=True, eq=False)
 class CostReport:
-    """Results of :func:`sarmitsuba.apps.cost.study.study_cost`.
+    """Results of :func:`sarmitsuba.apps.cost.study_cost`.
 
     Parameters
     ----------

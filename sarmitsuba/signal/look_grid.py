@@ -7,8 +7,8 @@ import numpy as np
 import scipy.fft
 
 from sarmitsuba.core.arrays import C64, F64, I64, Samples
-from sarmitsuba.signal.raw.gridding import GriddingKernel, gridding_kernel
-from sarmitsuba.signal.raw.sub_bands import RangeFilter
+from sarmitsuba.signal.gridding import GriddingKernel, gridding_kernel
+from sarmitsuba.signal.sub_bands import RangeFilter
 
 
 @dataclass(frozen=True)

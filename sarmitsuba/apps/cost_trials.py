@@ -1,21 +1,24 @@
 """Trials of a cost study: each is run once, and kept in a file from which an interrupted study continues.
 
 One scene under many settings: error against a reference, seconds by stage, memory.
+
+Clocks of a cost study: processor seconds of this machine, or computed from the work for a machine of given speed.
 """
 
 import json
 import math
 import sys
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
-from sarmitsuba.apps.cost.clock import MeasuredClock, StudyClock
 from sarmitsuba.core.arrays import C64
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.core.timing import Clock, StageTimer
@@ -27,11 +30,86 @@ from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.metrics import image_error_db
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution.render import RenderOptions, focus_echoes, trace_run
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.statistics import STATISTICS_FORM, TraceStatistics
-from sarmitsuba.simulation.planning.prediction.speed import Work
+from sarmitsuba.simulation.planning.prediction.speed import USUAL_CORE, SpeedModel, Work
+
+
+class StudyClock(Protocol):
+    """Clock of a cost study.
+
+    Attributes
+    ----------
+    source : of the seconds that the stages of a run measure
+    """
+
+    source: Clock
+
+    def now(self) -> float:
+        """Seconds since a fixed moment, without compiling."""
+        ...
+
+    def stages(
+        self, measured: Mapping[str, float], work: Work, compile_seconds: float = 0.0
+    ) -> dict[str, float]:
+        """Seconds by stage of a run that took ``measured`` seconds here to do ``work``, and others for compiling."""
+        ...
+
+
+class MeasuredClock:
+    """Seconds of this machine's processors, of all threads of the process, which other programs change little.
+
+    Parameters
+    ----------
+    source : ``time.perf_counter`` measures elapsed seconds instead
+    """
+
+    def __init__(self, source: Clock = time.process_time) -> None:
+        self.source = source
+        self._compiling = 0.0
+
+    def now(self) -> float:
+        """Seconds since a fixed moment, without those of compiling in the runs so far."""
+        return self.source() - self._compiling
+
+    def stages(
+        self, measured: Mapping[str, float], work: Work, compile_seconds: float = 0.0
+    ) -> dict[str, float]:
+        """As measured."""
+        self._compiling += compile_seconds
+        return dict(measured)
+
+
+class WorkClock:
+    """Time computed from the work for a machine of given speed: the same budget allows the same runs everywhere.
+
+    Parameters
+    ----------
+    speed : of that machine
+    stage_seconds : s, additional time of every stage
+    """
+
+    def __init__(self, speed: SpeedModel = USUAL_CORE, stage_seconds: float = 5e-3) -> None:
+        self.speed, self.stage_seconds = speed, stage_seconds
+        self.source: Clock = time.perf_counter
+        self._elapsed = 0.0
+
+    def now(self) -> float:
+        """Total seconds of all runs so far."""
+        return self._elapsed
+
+    def stages(
+        self, measured: Mapping[str, float], work: Work, compile_seconds: float = 0.0
+    ) -> dict[str, float]:
+        """Seconds by stage from the work; one of the stages ``trace`` and ``raster`` has the rays."""
+        counted = self.speed.stages(work)
+        counted["raster"] = counted["trace"]
+        out = {stage: self.stage_seconds + counted.get(stage, 0.0) for stage in measured}
+        self._elapsed += sum(out.values())
+        return out
+
 
 # value of a setting: number, switch, name
 Value = float | str

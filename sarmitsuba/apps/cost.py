@@ -11,9 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sarmitsuba.apps.cost.clock import MeasuredClock, StudyClock
-from sarmitsuba.apps.cost.model import CostModel, correct_predictions
-from sarmitsuba.apps.cost.report import (
+from sarmitsuba.apps.cost_model import CostModel, correct_predictions
+from sarmitsuba.apps.cost_report import (
     CHECK_PASS,
     Candidate,
     CostReport,
@@ -26,7 +25,7 @@ from sarmitsuba.apps.cost.report import (
     recommend,
     reference_text,
 )
-from sarmitsuba.apps.cost.sweeps import (
+from sarmitsuba.apps.cost_sweeps import (
     LEAST_DEPTH,
     NO_MORE_DB,
     Sweeps,
@@ -35,7 +34,7 @@ from sarmitsuba.apps.cost.sweeps import (
     sweep_all,
     whole_stages,
 )
-from sarmitsuba.apps.cost.trials import Changes, Trial, Trials, TrialSetting
+from sarmitsuba.apps.cost_trials import Changes, MeasuredClock, StudyClock, Trial, Trials, TrialSetting
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.core.units import db_from_power, power_from_db
@@ -258,7 +257,7 @@ def study_cost(
     budget : s of the processor, without compiling; scenes are swept on a piece from the middle of the image that fits
         it; 0: ``BUDGET_RUNS`` times the run of the whole scene, at least ``LEAST_BUDGET``
     progress : called after every run
-    clock : time source; default: processor seconds of all threads. With :class:`sarmitsuba.apps.cost.clock.WorkClock`
+    clock : time source; default: processor seconds of all threads. With :class:`sarmitsuba.apps.cost_trials.WorkClock`
         time is computed from the work, and the budget allows the same runs everywhere
     state : file that keeps every finished trial; those of the same study in it are not repeated. None: none
     run_hash : of the study, for ``state``

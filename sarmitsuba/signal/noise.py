@@ -8,7 +8,7 @@ import scipy.fft
 from sarmitsuba.core.arrays import C64
 from sarmitsuba.core.constants import BOLTZMANN, SUBSET_SHARES
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 _STREAM = 0x6E6F697365  # keeps the noise's random stream apart from the others of the same seed
 _BATCH = 2**20

@@ -12,20 +12,15 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C64, F64, I64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
-from sarmitsuba.signal.raw.block import azimuth_gain
-from sarmitsuba.signal.raw.gridding import (
-    gridding_kernel,
-    phase_ramp,
-    to_window,
-    to_window_adjoint,
-    unit_phasor,
-)
-from sarmitsuba.signal.raw.threads import parallel_map
+from sarmitsuba.signal.block import azimuth_gain
+from sarmitsuba.signal.gridding import gridding_kernel, phase_ramp, to_window, to_window_adjoint, unit_phasor
+from sarmitsuba.signal.threads import parallel_map
 
 if TYPE_CHECKING:
     from sarmitsuba.radar.radar import Radar
-    from sarmitsuba.signal.raw.block import BlockPlan
-    from sarmitsuba.signal.raw.sub_bands import RangeFilter
+    from sarmitsuba.signal.block import BlockPlan
+    from sarmitsuba.signal.sub_bands import RangeFilter
+
 
 # cycles per cell: flat to just past the band's edge at 1/4, then down: the inner response stays within 40 cells
 _ROLL = (0.256, 0.32)
@@ -58,7 +53,7 @@ def synthesise(
 
     Returns
     -------
-    (n_layers, K, n_samples) complex64 on ``radar.window``, see :class:`sarmitsuba.signal.raw.raw_data.RawData`
+    (n_layers, K, n_samples) complex64 on ``radar.window``, see :class:`sarmitsuba.signal.raw_data.RawData`
     """
     group = max(1, _GROUP // (plan.n_inner * max(plan.n_range_rate, plan.n_pulses)))
     if len(grid) > group:
