@@ -205,7 +205,7 @@ def account(image: SarImage, stages: Mapping[str, StageTime], others: Iterable[A
     Laws: energy of the error of the rays as their number to the power 0.83, energy of the error of blocks as their
     length; bounces, effects and gridding from what the run states of them. Time of tracing as the rays or blocks, a
     bounce more as the mean bounces (at most). Errors of different causes are independent and their energies add.
-    Every law is checked by applying the change (tests/physics/test_account.py).
+    Every law is checked by applying the change (tests/analysis/test_account.py).
     """
     parts, data = error_budget(image), BudgetFacts(image.metadata)
     by_name = {part.name: part for part in parts}

@@ -56,8 +56,8 @@ STRIP = 0.05
 STRIP_ENERGY = 11.0 / 16.0
 # golden section: its multiples modulo one are evenly distributed
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
-# pulses at which the error of the rays is measured
-RAY_PULSES = 3
+# most pulses at which the error of the rays is measured, and rays that pay for the launches of one
+RAY_PULSES, RAYS_A_PULSE = 3, 4e5
 # margin required of the error on a strip, dB: bright targets elsewhere may hold more of the image than of the error
 SURE_DB = 3.0
 
@@ -384,7 +384,8 @@ class Blocks:
             return None
         chance = 0.5 / len(energy) + 0.5 * (energy / np.maximum(energy.sum(axis=0), 1e-300)).mean(axis=1)
         chance /= chance.sum()
-        middles = (np.arange(RAY_PULSES) + 0.5) / RAY_PULSES
+        n = int(np.clip(allowed / RAYS_A_PULSE, 1, RAY_PULSES))
+        middles = (np.arange(n) + 0.5) / n
         pulses = np.minimum(np.searchsorted(np.cumsum(chance), middles), chance.size - 1)
         first = int(pulses[np.argmax(chance[pulses])])
         rays = tuple(grid for grid in self.rays.at(first)[0] if grid.serves(first))

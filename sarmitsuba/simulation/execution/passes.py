@@ -599,4 +599,3 @@ def _next_level(passes: Passes, took: float, left: float) -> int | None:
     if 2.0 * took <= 1.2 * left and passes.rays <= MAX_RAYS:
         return level + 1
     return level if took <= 1.5 * left and left > 0.0 else None
-

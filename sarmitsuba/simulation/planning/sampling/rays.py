@@ -108,7 +108,7 @@ FINE_DB, POOR_DB = -30.0, -15.0
 # dB below the first for which a spacing is chosen, since errors of single lattices vary by about that
 MARGIN_DB = 2.0
 # dB per decade of the ray spacing: the error's energy falls with its cube for almonds, ogives, spheres and cylinders of
-# 3 to 6 wavelengths (`tests/physics/test_ray_density.py`)
+# 3 to 6 wavelengths (`tests/scene/test_ray_density.py`)
 SLOPE_DB = 30.0
 # least and greatest refinement in one step
 LEAST_STEP, MOST_STEP = 2.0**0.5, 6.0

@@ -14,7 +14,7 @@ from sarmitsuba.apps.fit.losses import check_loss
 from sarmitsuba.apps.fit.parsing import parse
 from sarmitsuba.core.errors import DataError, SceneError
 from sarmitsuba.signal.raw_data import RawData
-from tests.unit.test_gradients import plate
+from tests.apps.test_gradients import plate
 
 
 @pytest.mark.parametrize("word", ["shift:plate:xy", "shift:plate:yz", "shifts:xyz"])

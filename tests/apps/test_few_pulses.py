@@ -10,7 +10,7 @@ from sarmitsuba.apps.fit import fit as fits
 from sarmitsuba.apps.fit.forward_model import ForwardModel
 from sarmitsuba.apps.fit.parsing import parse
 from sarmitsuba.apps.fit.shape_offsets import moving_parts, offset
-from tests.unit.test_gradients import plate
+from tests.apps.test_gradients import plate
 
 
 @pytest.mark.parametrize("axis", ["x", "y"])

@@ -48,7 +48,7 @@ def flights(n: int, seed: int) -> dict[str, Any]:
 
 
 def test_sources_pass_the_linter() -> None:
-    """Names that are nowhere, imports and variables without a use, shadows and the like; tests/page/oxlint.json."""
+    """Names that are nowhere, imports and variables without a use, shadows and the like; tests/view/oxlint.json."""
     program = shutil.which("oxlint", path=str(Path(sys.executable).parent)) or shutil.which("oxlint")
     if program is None:
         pytest.skip("oxlint is not installed; in the test extra")

@@ -118,7 +118,7 @@ def test_quick_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 def test_all_commands(page: str, tmp_path: Path) -> None:
     """The same from top to bottom as a notebook."""
     own_files(tmp_path)
-    # tests/unit/test_phase_histories.py and test_chirped_echoes.py have such files
+    # tests/files/test_phase_histories.py and test_chirped_echoes.py have such files
     ours = [line for line in commands(page) if "gotcha/" not in line and "radarsat.toml" not in line]
     assert len(ours) >= 11
     run_as_notebook([shell_cell(line) for line in ours], tmp_path)
