@@ -17,7 +17,6 @@ from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of, s
 from sarmitsuba.core.constants import DEFAULT_WINDOW
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.timing import StageTimer
-from sarmitsuba.core.units import db_from_power, power_from_db
 
 if TYPE_CHECKING:
     from sarmitsuba.core.arrays import F64
@@ -271,6 +270,7 @@ def _write(folder: "OutputFolder", scene: "Scene", sweep: "RcsSweep", console: C
     import numpy as np
 
     from sarmitsuba.commands.results import draw_into
+    from sarmitsuba.core.units import db_from_power, power_from_db
     from sarmitsuba.machine.atomic import atomic_path
     from sarmitsuba.view.polar import AspectCurves, aspect_figure
 

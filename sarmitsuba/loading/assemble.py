@@ -131,7 +131,10 @@ def assemble(
         _check_size(f'{label}: point_scatterer "{point.name}"', point.position)
     for target in scatterers:
         _check_size(f'{label}: {target.kind} "{target.name}"', target.places)
-    places = joined_rows([*(p.position[None] for p in points), *(t.places for t in scatterers)], (0, 3))
+    places = joined_rows(
+        [*(np.asarray(p.position, dtype=np.float64)[None] for p in points), *(t.places for t in scatterers)],
+        (0, 3),
+    )
     if geometry.n_faces or len(places):
         offset = _offset(geometry, places)
     else:

@@ -79,7 +79,7 @@ def image_of(**channels: C64) -> SarImage:
     ("matrix", "alpha"), [(polar.SPHERE, 0.0), (polar.DIHEDRAL, 90.0), (polar.DIPOLE, 45.0)]
 )
 def test_a_turned_target_keeps_its_alpha_and_has_no_entropy(matrix: C128, alpha: float) -> None:
-    turned = polar.turned(matrix, ROLLS)[None] * np.exp(1j * 0.7)
+    turned = polar.rotate_target(matrix, ROLLS)[None] * np.exp(1j * 0.7)
     found = cloude_pottier(coherency(of_matrices(turned)))
     # tol: complex64 channels
     assert np.degrees(found.alpha_1) == pytest.approx(np.full((1, ROLLS.size), alpha), abs=1e-3)
@@ -89,16 +89,16 @@ def test_a_turned_target_keeps_its_alpha_and_has_no_entropy(matrix: C128, alpha:
 
 
 def test_the_roll_of_a_dihedral_is_recovered_and_its_cross_polar_part_is_that_of_theory() -> None:
-    t = coherency(of_matrices(polar.turned(polar.DIHEDRAL, ROLLS)[None]))
+    t = coherency(of_matrices(polar.rotate_target(polar.DIHEDRAL, ROLLS)[None]))
     assert orientation_angle(t)[0] == pytest.approx(ROLLS, abs=1e-6)
-    assert t[0] == pytest.approx(polar.coherency_of(polar.turned(polar.DIHEDRAL, ROLLS)), abs=1e-6)
+    assert t[0] == pytest.approx(polar.coherency_of(polar.rotate_target(polar.DIHEDRAL, ROLLS)), abs=1e-6)
     assert (t[0, :, 2, 2] / span(t)[0]).real == pytest.approx(np.sin(2.0 * ROLLS) ** 2, abs=1e-6)
 
 
 def test_a_cloud_of_dipoles() -> None:
     """Evenly turned dipoles, 360 of them, are the integral exactly; H = 0.946, alpha = 45 degrees."""
     roll = np.pi * np.arange(360).reshape(18, 20) / 360.0
-    t = coherency(of_matrices(polar.turned(polar.DIPOLE, roll)), (18, 20))
+    t = coherency(of_matrices(polar.rotate_target(polar.DIPOLE, roll)), (18, 20))
     # tol: complex64
     assert t[0, 0] == pytest.approx(polar.random_dipoles(), abs=1e-6)
     found = cloude_pottier(t)
@@ -214,12 +214,14 @@ def test_m_chi_tells_odd_from_even_bounces_whatever_the_sense(sent: str) -> None
 
     one = (1, 1)
     assert powers(polar.SPHERE[None, None], one)[0] == pytest.approx([0.0, 0.0, 1.0], abs=1e-5)
-    rolled = powers(polar.turned(polar.DIHEDRAL, ROLLS)[None], one)
+    rolled = powers(polar.rotate_target(polar.DIHEDRAL, ROLLS)[None], one)
     assert rolled == pytest.approx(np.tile([1.0, 0.0, 0.0], (ROLLS.size, 1)), abs=1e-5)
-    dipoles = powers(polar.turned(polar.DIPOLE, ROLLS)[None], one)
+    dipoles = powers(polar.rotate_target(polar.DIPOLE, ROLLS)[None], one)
     assert dipoles == pytest.approx(np.tile([0.5, 0.0, 0.5], (ROLLS.size, 1)), abs=1e-5)
     roll = np.pi * np.arange(360).reshape(18, 20) / 360.0
-    assert powers(polar.turned(polar.DIPOLE, roll), (18, 20))[0] == pytest.approx([0.0, 1.0, 0.0], abs=1e-5)
+    assert powers(polar.rotate_target(polar.DIPOLE, roll), (18, 20))[0] == pytest.approx(
+        [0.0, 1.0, 0.0], abs=1e-5
+    )
 
 
 def test_m_delta_is_m_chi_where_the_wave_leans_to_no_axis() -> None:

@@ -120,7 +120,7 @@ def test_bad_distributions(value: object, param: Param, said: str) -> None:
         ("[dataset\n", "cannot be read as a recipe"),
         ("a = 1\na = 2\n", "cannot be read as a recipe"),
         ("x = " + "[" * 5000 + "]" * 5000, "cannot be read as a recipe"),
-        ("[dataset]\nsamples = 99999999999999999999\n", "above the bound"),
+        ("[dataset]\nsamples = 99999999999999999999\n", "give an integer from 1 to"),
     ],
 )
 def test_bad_recipes_get_one_line(tmp_path: Path, text: str, said: str) -> None:

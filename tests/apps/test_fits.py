@@ -82,8 +82,8 @@ def test_the_jacobian_is_kept_while_the_data_follow_it(
     )
     found = fit(scene, data, "gain")
     # 0.05 dB bend the data by 0.3 % of their change, 3 dB by 15 %, and the next step by less than 3 %; one more at the
-    # end, for sigma and the witness
-    assert len(calls) <= computed + 1 and found.converged
+    # end, for sigma and the witness, and one for the cells by which a value is confirmed
+    assert len(calls) <= computed + 2 and found.converged
     # tol: float32 data
     assert found.values[0] == pytest.approx(off_db, abs=1e-5)
 

@@ -150,7 +150,7 @@ def test_wrong_usage_is_one_line(arguments: list[str], text: str, capsys: Any) -
         ("validate --case plat", "plate"),
         ("validate --topic orbts", "orbits"),
         ("render point -o {} --focuser omegak", "omega_k"),
-        ("render point -o {} --focuser backprojection,eror=-30", "error"),
+        ("render point -o {} --focuser auto,eror=-30", "error"),
         ("render point -o {} --window haming:0.5", "hamming"),
         ("render point -o {} --format hdf", "hdf5"),
     ],

@@ -300,7 +300,7 @@ def test_a_mixture_keeps_its_fingerprint_in_another_process(tmp_path: Path) -> N
 def test_any_change_of_what_stands_beside_the_mesh_changes_the_fingerprint(tmp_path: Path) -> None:
     scene = drawn(tmp_path, 3, ALL)
     marks = [fingerprint(scene)]
-    for name in ("volumes", "wires", "points", "materials"):
+    for name in ("scatterers", "points", "materials"):
         for i, item in enumerate(getattr(scene, name)):
             for changed in changes(item):
                 items = [*getattr(scene, name)]

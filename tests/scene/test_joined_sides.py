@@ -140,4 +140,5 @@ def test_a_loose_plate_returns_what_the_whole_one_does() -> None:
     # tol: tubes over faces of 1.6 mm, 2e-3 of the peak; the plate's width behind a rim is that at the middle of each
     # piece, 3e-3 between pieces of two and of a fifth of a wavelength
     assert np.abs(found[1] - found[0]).max() < 1e-2 * peak
-    assert said == [[False, False], [True, True]]
+    # flat parts are cut anew before their edges are looked for, so that nothing is left to say
+    assert said == [[False, False], [False, False]]
