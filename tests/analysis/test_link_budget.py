@@ -239,7 +239,7 @@ def test_no_budget_without_an_aperture_or_a_window() -> None:
         RadarError, match="undefined for a circular aperture, which has no separate range and azimuth"
     ):
         budget_of(replace(PLAIN, mode="circular", azimuth_resolution=0.0))
-    with pytest.raises(DataError, match="unknown; .*choose one of"):
+    with pytest.raises(DataError, match=r"unknown; .*choose one of"):
         budget_of(PLAIN, "taylr")
 
 

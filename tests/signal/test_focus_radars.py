@@ -142,7 +142,7 @@ def test_part_of_a_request_changes_that_part_only() -> None:
         ({"height": 1e6}, "is not below the antenna"),
         ({"center_y": float("nan")}, "center_y = nan m is not a finite number"),
         ({"center_x": 5e4}, "were not recorded, only those of"),
-        ({"extents": 3.0}, "extents unknown; it has center_x"),
+        ({"extents": 3.0}, "extents unknown; did you mean"),
         ({"grid": "polar"}, "kind 'polar' is unknown"),
     ],
 )
