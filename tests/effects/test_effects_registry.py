@@ -69,7 +69,7 @@ def test_every_kernel_flag_is_declared_by_the_one_effect_that_sets_it(corner: Sc
 
 
 def test_a_switch_that_no_effect_has_is_refused(corner: Scene) -> None:
-    with pytest.raises(SceneError, match="there is no effect 'frensel' to switch; choose of "):
+    with pytest.raises(SceneError, match="there is no effect 'frensel' to switch; did you mean"):
         plan_effects(switched(corner, frensel="off"))
 
 
