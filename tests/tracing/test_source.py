@@ -155,6 +155,6 @@ def test_what_stands_in_the_way_counts_on_every_leg(monkeypatch: pytest.MonkeyPa
     def halving(scene: Scene) -> TraceScene:
         return replace(build_geometry(scene), passages=(Half(),))
 
-    monkeypatch.setattr(run, "built", halving)
+    monkeypatch.setattr(run, "build_geometry", halving)
     half = raw(scene, monkeypatch, source)
     assert np.linalg.norm(half + 0.25 * plain) < 1e-4 * np.linalg.norm(plain)  # tol: float32 fields
