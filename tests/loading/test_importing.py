@@ -540,7 +540,7 @@ HOSTILE = {
     "beyond the degrees": (far([[2e3, 0], [2001, 0], [2001, 1], [2e3, 0]], 4258), "no place on a map"),
     "400 digits": (
         one([[[0, 0], [1, 0], [1, 1], [0, 0]]]).replace("[1, 1]", f"[1, {'9' * 400}]"),
-        "no JSON number|corners",
+        "no JSON number|corners|without numbers",
     ),
     "infinite": (one([[[0, 0], [1, 0], [1, 1], [0, 0]]]).replace("[1, 1]", "[1e999, 1]"), "without numbers"),
     "metres": (

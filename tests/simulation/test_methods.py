@@ -146,7 +146,9 @@ def test_one_look_takes_fewer_coherent_rays_where_they_are_sparse_already() -> N
     assert sampling.of_one_look() is sampling
 
 
-@pytest.mark.filterwarnings("ignore:.*the image is not usable")  # few pulses; the bits are compared, not the level
+@pytest.mark.filterwarnings(
+    "ignore:.*the image is not usable"
+)  # few pulses; the bits are compared, not the level
 @pytest.mark.parametrize("depth", ["2", "3"])
 def test_layers_by_bounces_do_not_depend_on_how_deep_rays_are_followed(depth: str) -> None:
     # Rationale: an echo back along its chain has 2 n - 1 bounces where its ray has n, so that two bounces of rays

@@ -36,8 +36,8 @@ from sarmitsuba.simulation.planning.sampling.rays import Rays
 LAUNCH = 5e4
 # rays of a run from which one sample is taken whatever it costs: then at most a few per cent
 SHORT = 4e6
-# pulses or blocks traced again, at most
-MOST = 8
+# pulses or blocks traced again, at most; pulses against which blocks are held at least: one alone tells little
+MOST, FEWEST = 8, 3
 # least and largest share of the window in a strip, and rays of a pulse up to which no strip is taken: in one a few rays
 # wide its edges are most of the error
 LEAST_STRIP, WIDEST_STRIP, WHOLE = 0.1, 0.3, 3e5
@@ -111,9 +111,9 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
     rng = np.random.default_rng([run.scene.settings.seed & 0x7FFFFFFF, 0xB10C])
     launches = LAUNCH * allowance.subsets
     whole, part = allowance.pulse + launches, 2.0 * (LEAST_STRIP * allowance.pulse + launches)
-    share, n = 1.0, allowance.samples(whole)
+    share, n = 1.0, max(allowance.samples(whole), FEWEST * allowance.least)
     if allowance.allowed < whole and allowance.pulse > WHOLE:
-        n = allowance.samples(part)
+        n = max(allowance.samples(part), FEWEST * allowance.least)
         affordable = 0.5 * allowance.allowed / max(n, 1) - launches
         share = float(np.clip(affordable / allowance.pulse, LEAST_STRIP, WIDEST_STRIP))
     energy = blocks.energy_of_pulses()
