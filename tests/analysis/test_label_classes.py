@@ -92,6 +92,7 @@ method = "image"
 """
 
 
+@pytest.mark.slow
 def test_classes_and_materials_have_the_same_codes_in_every_sample(tmp_path: Path) -> None:
     """Each sample's own numbering would give vehicles and boats, soil and asphalt the same number."""
     path = tmp_path / "r.toml"

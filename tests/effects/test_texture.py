@@ -102,6 +102,7 @@ def test_off_is_off() -> None:
     assert not np.array_equal(data, plain) and other != kernels
 
 
+@pytest.mark.slow
 def test_one_material_all_over_a_map_is_that_material() -> None:
     """Every place of several bounces takes its material from the map: mirror, currents, scatterers, both ways."""
     radar = replace(RADAR, polarisation="HH,HV")
@@ -199,6 +200,7 @@ def test_raster_draws_maps_of_level_and_material() -> None:
     np.testing.assert_allclose((images[2] / images[0])[clear], want[clear], rtol=0.15)
 
 
+@pytest.mark.slow
 def test_a_map_aside_changes_nothing_behind_a_pane() -> None:
     """A small plate of metal seen through glass, beside a patch of soil, and of a map that says soil everywhere.
 

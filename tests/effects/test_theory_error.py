@@ -269,6 +269,7 @@ def test_drawn_bodies_as_users_run_them(benchmark_script: Callable[[str], Module
     assert np.median(true) < 0.3 and np.median(stated / true) > 0.8
 
 
+@pytest.mark.slow
 def test_the_exact_solver_of_the_drawn_bodies(benchmark_script: Callable[[str], ModuleType]) -> None:
     solver = benchmark_script("dense_moments")
     looks = [[1.0, 0.0, 0.0], [0.6, 0.0, 0.8]]

@@ -116,6 +116,7 @@ def test_curved_shapes_lie_within_a_32nd_of_a_wavelength(tmp_path: Path) -> None
     assert [np.unique(geometry.face_group[a:b]).size for a, b in _spans(geometry)] == [1, 1, 1]
 
 
+@pytest.mark.slow
 def test_a_sphere_too_large_for_its_facets_says_so(tmp_path: Path) -> None:
     body = (
         f'<shape type="sphere" id="dome"><float name="radius" value="500"/>{PEC}</shape>'

@@ -135,7 +135,7 @@ def change_db(image: SarImage, other: SarImage, inside: float) -> float:
 
 # the rim of ground that ends flashes up between key pulses and rays, which the runs say
 @pytest.mark.filterwarnings("ignore:.*(measured here|measured against)")
-@pytest.mark.parametrize("polarisation", ["VV", "HH"])
+@pytest.mark.parametrize("polarisation", ["VV", pytest.param("HH", marks=pytest.mark.slow)])
 def test_the_rim_of_a_patch_of_asphalt_is_no_line(polarisation: str) -> None:
     """A patch of 60 m within the image, one degree off broadside, against its own middle and against 600 m."""
     wide = image_of(scene_with(10.0 * HALF, "auto", polarisation=polarisation))

@@ -54,6 +54,7 @@ def test_drawn_solids_keep_their_surface_in_even_triangles() -> None:
         assert off.max() < 1e-9  # corners stay on the surface
 
 
+@pytest.mark.slow
 def test_a_fine_mesh_is_coarsened_and_slivers_go() -> None:
     fine = trimesh.creation.cylinder(1.0, 3.0, sections=120)
     vertices, faces = remesh(np.asarray(fine.vertices), np.asarray(fine.faces), 0.3)

@@ -217,6 +217,7 @@ def stripmap() -> Radar:
     return dataclasses.replace(radar, track=longer, pointing=pointing, window=window, half_aperture=0.018)
 
 
+@pytest.mark.slow
 def test_pixels_with_their_own_apertures() -> None:
     radar = stripmap()
     raw = band_noise(radar, 6)

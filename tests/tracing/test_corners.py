@@ -155,6 +155,7 @@ def test_a_bent_plate_against_the_method_of_moments(
         assert np.sqrt(np.mean(off[want > floor] ** 2)) < bound
 
 
+@pytest.mark.slow
 def test_waves_between_the_faces_of_a_wide_corner_are_those_of_its_exact_solution() -> None:
     """Square corners of infinite length, by the method of moments, with the fringe currents of the outer edges.
 

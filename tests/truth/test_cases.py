@@ -14,7 +14,7 @@ SLOW = {"building", "bridge", "ground_sigma0", "ground_rays"}
 # of seconds, and a second look at what tests of their own hold: test_importing, test_orbit_targets, test_moving,
 # test_bistatic_simulation, test_reciprocity, test_cavities
 SLOW |= {"imported_city", "orbit_points", "moving_smear", "moving_displacement", "along_track_phase"}
-SLOW |= {"cross_polar_reciprocity", "double_glazing"}
+SLOW |= {"cross_polar_reciprocity", "double_glazing", "trunk_ground", "bistatic_plate", "crown_ground"}
 # the same: test_diffuse_laws, test_edge_diffraction, test_link, test_volumes, test_compact_polarimetry, test_chain,
 # test_look_modes, test_slabs, test_rcs_sweep, test_interferometry
 SLOW |= {"diffuse_laws", "edge_wedges", "link", "canopies", "polarimetric_targets", "point_rcs"}
