@@ -21,7 +21,7 @@ import _support
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.apps.datasets.draw import Drawer
+from sarmitsuba.apps.dataset_draw import Drawer
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.loading.load import load_scene

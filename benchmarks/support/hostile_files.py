@@ -12,7 +12,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from sarmitsuba.apps.cost_trials import TrialSetting
-    from sarmitsuba.apps.datasets.draw import Drawer
+    from sarmitsuba.apps.dataset_draw import Drawer
     from sarmitsuba.scene.scene import Scene
 
 SCENE = """<scene version="3.0.0">
@@ -381,7 +381,7 @@ def resumed_setting() -> "TrialSetting":
 
 def sample_drawer(recipe: Path) -> "Drawer":
     """Drawer of the samples in a journal."""
-    from sarmitsuba.apps.datasets.draw import Drawer
+    from sarmitsuba.apps.dataset_draw import Drawer
 
     if not recipe.is_file():
         recipe.write_text(RECIPE, encoding="utf-8")
@@ -421,9 +421,9 @@ def _make_graph(folder: Path) -> None:
 def _make_journals(folder: Path) -> None:
     """What an interrupted run, cost study and data set leave."""
     from sarmitsuba.apps.cost_trials import Trials, WorkClock
-    from sarmitsuba.apps.datasets.recipe import PART_NAMES
-    from sarmitsuba.apps.datasets.sample import make_sample
-    from sarmitsuba.apps.datasets.store import SampleForm, append
+    from sarmitsuba.apps.dataset_recipe import PART_NAMES
+    from sarmitsuba.apps.dataset_sample import make_sample
+    from sarmitsuba.apps.dataset_store import SampleForm, append
     from sarmitsuba.machine.journal import Journal
     from sarmitsuba.simulation.execution.render import simulate
 

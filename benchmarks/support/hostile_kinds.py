@@ -253,9 +253,9 @@ def _samples(path: Path) -> object:
     import h5py
     import numpy as np
 
-    from sarmitsuba.apps.datasets.generate import STORE, _write_files
-    from sarmitsuba.apps.datasets.recipe import PART_NAMES
-    from sarmitsuba.apps.datasets.store import SampleForm
+    from sarmitsuba.apps.dataset_generate import STORE, _write_files
+    from sarmitsuba.apps.dataset_recipe import PART_NAMES
+    from sarmitsuba.apps.dataset_store import SampleForm
     from sarmitsuba.machine.journal import Journal
 
     drawer = sample_drawer(path.parent / "small.toml")

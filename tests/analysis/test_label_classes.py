@@ -7,9 +7,9 @@ import pytest
 
 from sarmitsuba.analysis.echo_labels import NO_CLASS
 from sarmitsuba.analysis.label_classes import check_used, classes_of_shapes, read_classes
-from sarmitsuba.apps.datasets.draw import Drawer
-from sarmitsuba.apps.datasets.recipe import read_recipe
-from sarmitsuba.apps.datasets.sample import _recode_layer, make_sample
+from sarmitsuba.apps.dataset_draw import Drawer
+from sarmitsuba.apps.dataset_recipe import read_recipe
+from sarmitsuba.apps.dataset_sample import _recode_layer, make_sample
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.signal.pixel_labels import LabelLayer
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.apps.datasets.recipe import DRAWS, VALUES, read_drawn, read_recipe
+from sarmitsuba.apps.dataset_recipe import DRAWS, VALUES, read_drawn, read_recipe
 from sarmitsuba.core.errors import DataError, SarmitsubaError
 from sarmitsuba.core.parameters import Param
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sarmitsuba.apps.datasets.generate import DetectionDocuments
-from sarmitsuba.apps.datasets.recipe import read_recipe
-from sarmitsuba.apps.datasets.store import SampleRecord
+from sarmitsuba.apps.dataset_generate import DetectionDocuments
+from sarmitsuba.apps.dataset_recipe import read_recipe
+from sarmitsuba.apps.dataset_store import SampleRecord
 
 
 def decoded(found: dict[str, Any]) -> NDArray[np.bool_]:

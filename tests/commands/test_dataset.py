@@ -17,8 +17,9 @@ import numpy as np
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.apps.datasets import generate, sample
-from sarmitsuba.apps.datasets.draw import Drawer, DrawnSample
+from sarmitsuba.apps import dataset_generate as generate
+from sarmitsuba.apps import dataset_sample as sample
+from sarmitsuba.apps.dataset_draw import Drawer, DrawnSample
 from sarmitsuba.core.errors import OutputError, RadarError, ResourceError
 from sarmitsuba.loading.library import scenes_dir
 
@@ -92,7 +93,7 @@ def test_a_sample_alone_has_the_bits_of_the_whole(whole: Path, recipe: Path, tmp
 KILLED = """
 import os, signal, sys
 from sarmitsuba import cli
-from sarmitsuba.apps.datasets import generate
+from sarmitsuba.apps import dataset_generate as generate
 append = generate.append
 def then_end(journal, sample):
     size = append(journal, sample)

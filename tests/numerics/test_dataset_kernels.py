@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from sarmitsuba.apps.datasets.draw import Drawer
-from sarmitsuba.apps.datasets.sample import make_sample
+from sarmitsuba.apps.dataset_draw import Drawer
+from sarmitsuba.apps.dataset_sample import make_sample
 from sarmitsuba.machine.backend import dr, ensure_backend
 
 RECIPE = """

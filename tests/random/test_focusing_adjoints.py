@@ -138,7 +138,9 @@ def operator_or_refusal(raw: RawData, grid: ImageGrid, name: str, **options: Any
 
 
 @pytest.mark.filterwarnings("ignore:focus:sarmitsuba.core.errors.SarmitsubaWarning")
-@pytest.mark.parametrize("mode", [pytest.param(m, marks=pytest.mark.slow) if m == "orbit" else m for m in MODES])
+@pytest.mark.parametrize(
+    "mode", [pytest.param(m, marks=pytest.mark.slow) if m == "orbit" else m for m in MODES]
+)
 def test_adjoint_of_every_focuser_and_mode(mode: str) -> None:
     served: set[str] = set()
     for seed in range(2 if mode == "orbit" else 3):

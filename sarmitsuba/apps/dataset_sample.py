@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from sarmitsuba.analysis.echo_labels import NO_CLASS
 from sarmitsuba.analysis.label_classes import classes_of_shapes, shape_names
 from sarmitsuba.analysis.labels import checked_layers, labels
-from sarmitsuba.apps.datasets.draw import Drawer, DrawnSample, PlacedShape, aspect_deg
-from sarmitsuba.apps.datasets.recipe import RecipeError
+from sarmitsuba.apps.dataset_draw import Drawer, DrawnSample, PlacedShape, aspect_deg
+from sarmitsuba.apps.dataset_recipe import RecipeError
 from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.core.errors import (
     BackendError,

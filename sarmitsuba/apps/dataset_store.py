@@ -13,8 +13,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.apps.datasets.recipe import PART_NAMES, Recipe
-from sarmitsuba.apps.datasets.sample import Sample, SampleObject
+from sarmitsuba.apps.dataset_recipe import PART_NAMES, Recipe
+from sarmitsuba.apps.dataset_sample import Sample, SampleObject
 from sarmitsuba.machine.encoding import to_json
 from sarmitsuba.machine.journal import Journal, Label, fits, is_echo
 from sarmitsuba.machine.regular_files import read_text

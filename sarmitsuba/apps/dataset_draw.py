@@ -20,7 +20,8 @@ import numpy as np
 
 from sarmitsuba.analysis.label_classes import check_used, shape_names
 from sarmitsuba.analysis.label_owners import material_names, no_surface_materials
-from sarmitsuba.apps.datasets.drawn_shapes import (
+from sarmitsuba.apps.dataset_recipe import CLASSES, PART_NAMES, Recipe, RecipeSection, read_recipe
+from sarmitsuba.apps.dataset_shapes import (
     InstanceMesh,
     box,
     crown,
@@ -32,7 +33,6 @@ from sarmitsuba.apps.datasets.drawn_shapes import (
     separation,
     turn_points,
 )
-from sarmitsuba.apps.datasets.recipe import CLASSES, PART_NAMES, Recipe, RecipeSection, read_recipe
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import DataError, SarmitsubaError, SarmitsubaWarning, SceneError
 from sarmitsuba.core.parameters import Value, float_value, string_value

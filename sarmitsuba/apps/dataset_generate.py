@@ -30,10 +30,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.analysis.label_sight import GROUND_CLASSES
-from sarmitsuba.apps.datasets.draw import Drawer
-from sarmitsuba.apps.datasets.recipe import PART_NAMES, Fixed, Recipe
-from sarmitsuba.apps.datasets.sample import SHAPES, Sample, make_sample
-from sarmitsuba.apps.datasets.store import JsonTable, SampleForm, SampleRecord, append, records, write_store
+from sarmitsuba.apps.dataset_draw import Drawer
+from sarmitsuba.apps.dataset_recipe import PART_NAMES, Fixed, Recipe
+from sarmitsuba.apps.dataset_sample import SHAPES, Sample, make_sample
+from sarmitsuba.apps.dataset_store import JsonTable, SampleForm, SampleRecord, append, records, write_store
 from sarmitsuba.core.arrays import C64
 from sarmitsuba.core.errors import DataError, ResourceError, SarmitsubaError
 from sarmitsuba.core.progress import Progress, silent
