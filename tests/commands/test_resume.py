@@ -129,6 +129,7 @@ def test_a_stop_at_a_drawn_launch_loses_the_block_in_work_and_no_bit(
     monkeypatch.setattr(batches, "MAX_LANES", 300_000)  # several batches where every pulse is traced
     # launches of the witnesses come after all blocks, and are made again
     monkeypatch.setattr(witnesses, "MOST", 0)
+    monkeypatch.setattr(witnesses, "FEWEST", 0)
     monkeypatch.setattr(Blocks, "witness", lambda self, allowed: None)
     scene = replace(box, settings=replace(box.settings, seed=seed, **settings))
     state = tmp_path / "raw.blocks"
