@@ -164,15 +164,21 @@ def test_errors_of_the_edge_and_of_one_channel_are_seen() -> None:
             focus(two, grid, focuser=focuser)
 
 
-def test_the_witness_is_of_the_data_that_the_focuser_got() -> None:
+def test_the_witness_is_of_the_recorded_track_and_not_of_a_straightened_one() -> None:
     radar = ideal_radar(resolution=1.0, n_samples=128)
     phase = np.linspace(0.0, 6.0, radar.track.n_pulses)
     sway = np.stack([0.02 * np.sin(phase), 0.0 * phase, 0.02 * np.cos(phase)], axis=1)
     radar = replace(radar, track=replace(radar.track, position=radar.track.position + sway))
     grid = default_grid(radar, ImageRequest(extent_azimuth=32.0, extent_range=32.0))
-    found = witness_of(ideal_echoes(radar, np.zeros(3)), grid, "omega_k")
-    assert found.reference == "backprojection in float64 of the data after motion_compensation"
-    assert found.error_db < -50.0 and not found.contradicts
+    raw = ideal_echoes(radar, np.array([[0.0, 0.0, 0.0], [9.0, 11.0, 0.0]]))
+    image = focus(raw, grid, focuser="omega_k")
+    facts = image.metadata["focus"]
+    found = Witness.read(facts["witness"])
+    assert "motion_compensation" in facts and found is not None
+    assert found.reference == "backprojection in float64" and not found.contradicts
+    true = image_error_db(image.data, backproject(raw, grid, interpolation="kernel:8", oversampling=4))
+    # tol: the law of what compensation leaves, which is of the worst pixel, is added
+    assert true - 3.0 < found.upper_db < facts["stated_error_db"] < true + 15.0
 
 
 def test_an_image_without_echoes_has_no_witness() -> None:

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from sarmitsuba.scene.mesh.conforming import conforming, join_points
 from sarmitsuba.scene.mesh.contacts import contacts
-from sarmitsuba.scene.mesh.mirrors import mirror_planes, part_of
+from sarmitsuba.scene.mesh.mirrors import _pieces, count_pieces, mirror_planes, part_of
 from sarmitsuba.scene.mesh.remesh import DEVIATION, LONGEST, distance_to_triangles, remesh
 
 
@@ -185,3 +185,19 @@ def test_mirrors_of_slender_triangles_take_little_memory() -> None:
     assert len(normals) == 3
     # tol: 16 MB measured, and room for other versions of SciPy
     assert peak < 6e7
+
+
+def test_surfaces_are_cut_into_few_pieces_for_their_mirrors() -> None:
+    """Fans of slivers, right-angled slivers and wide triangles: no side too long, no area lost, forecast at least."""
+    mesh = trimesh.creation.cylinder(0.5, 1.0, sections=500)
+    for corners in (np.asarray(mesh.triangles), np.asarray(trimesh.creation.box((1.0, 2.0, 0.3)).triangles)):
+        pieces = _pieces(corners, 0.05)
+        sides = np.linalg.norm(pieces - np.roll(pieces, 1, axis=1), axis=2)
+        assert sides.max() <= 0.05 * (1.0 + 1e-9)
+        areas = [
+            np.linalg.norm(np.cross(*(t[:, i] - t[:, 0] for i in (1, 2))), axis=1).sum()
+            for t in (pieces, corners)
+        ]
+        assert areas[0] == pytest.approx(areas[1], rel=1e-9)
+        # slivers half as wide were cut lengthwise too, into four times as many
+        assert 0.1 * count_pieces(corners, 0.05) < len(pieces) < count_pieces(corners, 0.05)

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 FEW, THINNED = 64, 0.5
 # triangles with the nearest middles that are tried before all near ones
 NEAREST = 6
+# shortest side, over the longest allowed, of slivers that are cut into strips; others' most pieces a square of it
+NARROW, MOST_CUT = 0.25, 16.0
 # points whose neighbours are searched at a time; bounds the memory
 _AT_ONCE, _REST = 2000, 8
 
@@ -66,18 +68,46 @@ def mirror_planes(vertices: F64, faces: I64, tolerance: float, step: float) -> t
 
 
 def _pieces(t: F64, longest: float) -> F64:
-    """Triangles (n, 3, 3) cut across their longest sides until none is longer; slivers are cut across alone."""
+    """Triangles (n, 3, 3) cut until no side is longer: slivers into strips, others across their longest sides."""
     done = []
     while len(t):
         size = np.linalg.norm(np.roll(t, -1, axis=1) - np.roll(t, 1, axis=1), axis=2)  # of the side opposite
         long = size.max(axis=1) > longest
         done.append(t[~long])
-        t, place = t[long], size[long].argmax(axis=1)
+        t, size = t[long], size[long]
+        sliver = size.min(axis=1) <= NARROW * longest
+        done.append(_strips(t[sliver], size[sliver], (1.0 - NARROW) * longest))
+        t, place = t[~sliver], size[~sliver].argmax(axis=1)
         row = np.arange(len(t))
         apex, a, b = t[row, place], t[row, (place + 1) % 3], t[row, (place + 2) % 3]
         middle = 0.5 * (a + b)
         t = np.concatenate([np.stack([apex, a, middle], axis=1), np.stack([apex, middle, b], axis=1)])
     return np.concatenate(done)
+
+
+def _strips(t: F64, size: F64, longest: float) -> F64:
+    """Triangles between points at equal distances, no longer than given, on the two long sides of slivers."""
+    place, row = size.argmin(axis=1), np.arange(len(t))
+    apex, a, b = t[row, place], t[row, (place + 1) % 3], t[row, (place + 2) % 3]
+    count = np.ceil(size.max(axis=1) / longest).astype(np.int64)
+    row = np.repeat(row, count)
+    last = np.arange(row.size) - np.repeat(np.cumsum(count) - count, count)
+    near, far = ((last + i)[:, None] / count[row][:, None] for i in (0.0, 1.0))
+    sides = a - apex, b - apex
+    first, second = (apex[row] + near * side[row] for side in sides)
+    third, fourth = (apex[row] + far * side[row] for side in sides)
+    wide = last > 0  # the first strip is a triangle
+    return np.concatenate(
+        [np.stack([first, third, fourth], axis=1), np.stack([first, fourth, second], axis=1)[wide]]
+    )
+
+
+def count_pieces(t: F64, longest: float) -> float:
+    """Most triangles into which those of a surface (n, 3, 3) are cut for their mirrors, about."""
+    size = np.linalg.norm(np.roll(t, -1, axis=1) - np.roll(t, 1, axis=1), axis=2)
+    area = 0.5 * np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1)
+    strips = 2.0 * size.max(axis=1) / ((1.0 - NARROW) * longest)
+    return float(np.sum(1.0 + strips + MOST_CUT * area / longest**2))
 
 
 def _thinned(points: F64, size: float) -> F64:

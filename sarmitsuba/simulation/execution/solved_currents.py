@@ -16,10 +16,12 @@ from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.radar.polarisation import linear_parts
 from sarmitsuba.scene.mesh.contacts import contacts
 from sarmitsuba.scene.mesh.double_faces import double_faces
+from sarmitsuba.scene.mesh.mirrors import count_pieces
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.visible_faces import VisibleFaces
 from sarmitsuba.tracing.scatterers.currents.solution import (
     JOINED,
+    MIRROR_STEP,
     BodyMesh,
     WholeSurface,
     scattering_matrices,
@@ -43,6 +45,8 @@ APART = 1.15
 MOST_COPIES = 8
 # bytes of a triangle, and of a point for mirrors, while a surface is meshed, and such points of one square of an edge
 MESH_BYTES, SAMPLES = 3000, 16.0
+# bytes of a piece of surface while mirrors are looked for, and how many are looked through without being asked
+PIECE_BYTES, MOST_PIECES = 400, 1.5e6
 # distance, over the length of edges, of parts that touch
 TOUCHING = 0.1
 # lengths of edges that are tried where parts touch, over the wanted one
@@ -204,10 +208,13 @@ def solve_currents(
     if not asked and edge_length(target.area, MOST_COPIES) > COARSEST:
         return _too_long(target.area, MOST_COPIES)
     samples = int(SAMPLES * target.area / COARSEST**2)
+    pieces = count_pieces(target.corners, MIRROR_STEP * COARSEST * wave)
+    if pieces > MOST_PIECES and not asked:
+        return f"its mirrors would be looked for in {pieces:.2g} pieces of surface; full_wave = on does"
     try:
         check_fits(
             "rcs: meshing the surface for its currents",
-            MESH_BYTES * (len(target.corners) + samples),
+            int(MESH_BYTES * (len(target.corners) + samples) + PIECE_BYTES * pieces),
             "switch full_wave off",
         )
     except ResourceError as full:

@@ -21,6 +21,8 @@ from sarmitsuba.tracing.scatterers.currents.matrix import MomentMatrices
 JOINED = 1.0 / 200.0
 # distance of corners that are moved onto a mirror plane, over the wanted length of edges
 MOVED = 0.1 * JOINED
+# step between points that are mirrored, over the wanted length of edges
+MIRROR_STEP = 0.5
 # surface resistance of closed bodies over 120 pi ohm, which damps the resonances of the closed space inside, where
 # volume over surface is as of the least sphere that has one, wavelengths; in proportion where it is less
 RESISTANCE, DEPTH = 0.003, 2.744 / (6.0 * np.pi)
@@ -56,7 +58,7 @@ class WholeSurface:
         """
         vertices, faces = conforming(corners, JOINED * length)
         return WholeSurface(
-            vertices, faces, *mirror_planes(vertices, faces, DEVIATION * length, 0.5 * length)
+            vertices, faces, *mirror_planes(vertices, faces, DEVIATION * length, MIRROR_STEP * length)
         )
 
     def meshed(self, length: float) -> "BodyMesh":
