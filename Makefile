@@ -28,10 +28,10 @@ test-slow: $(VENV)/.test
 	$(BIN)/python -m pytest -m slow $(SHARED)
 
 # files, meshes, pictures and focusing, with the lowest and the highest versions that pyproject.toml allows
-VERSIONS = tests/unit/test_meshes.py tests/unit/test_mesh_scenes.py tests/unit/test_io_files.py \
-	tests/unit/test_scene_loader.py tests/unit/test_surface_maps.py tests/unit/test_view.py \
-	tests/unit/test_focus_windows.py tests/unit/test_metrics.py tests/unit/test_gridding.py \
-	tests/physics/test_point_target_focus.py
+VERSIONS = tests/scene/test_meshes.py tests/loading/test_mesh_scenes.py tests/files/test_io_files.py \
+	tests/loading/test_scene_loader.py tests/scene/test_surface_maps.py tests/view/test_view.py \
+	tests/signal/test_focus_windows.py tests/signal/test_metrics.py tests/signal/test_gridding.py \
+	tests/signal/test_point_target_focus.py
 test-lowest:
 	$(PYTHON) -m venv .venv-lowest
 	.venv-lowest/bin/pip --disable-pip-version-check --quiet install -e . -c tests/lowest.txt \

@@ -52,12 +52,12 @@ if TYPE_CHECKING:
     from sarmitsuba.signal.focusing.operator import FocusingOperator, focusing_operator
     from sarmitsuba.signal.image import ImageGrid, SarImage
     from sarmitsuba.signal.pixel_labels import Labels
-    from sarmitsuba.signal.raw.raw_data import RawData
+    from sarmitsuba.signal.raw_data import RawData
+    from sarmitsuba.simulation.execution.passes import refine
     from sarmitsuba.simulation.execution.path_table import PathTable, trace_paths
     from sarmitsuba.simulation.execution.rcs import monostatic_rcs
-    from sarmitsuba.simulation.execution.refinement.passes import refine
     from sarmitsuba.simulation.execution.render import render, simulate
-    from sarmitsuba.simulation.planning.prediction.explanation import explain
+    from sarmitsuba.simulation.planning.prediction.prediction import explain
     from sarmitsuba.tracing.scatterers.wires.kind import WireTarget
 
 _HOME = {
@@ -85,7 +85,7 @@ _HOME = {
     "PointTarget": "sarmitsuba.scene.geometry",
     "RadarDescription": "sarmitsuba.radar.description",
     "RadarError": "sarmitsuba.core.errors",
-    "RawData": "sarmitsuba.signal.raw.raw_data",
+    "RawData": "sarmitsuba.signal.raw_data",
     "ResourceError": "sarmitsuba.core.errors",
     "SarImage": "sarmitsuba.signal.image",
     "SarmitsubaError": "sarmitsuba.core.errors",
@@ -100,7 +100,7 @@ _HOME = {
     "build_scene": "sarmitsuba.loading.build",
     "cloude_pottier": "sarmitsuba.analysis.polarimetry",
     "error_budget": "sarmitsuba.analysis.error_budget",
-    "explain": "sarmitsuba.simulation.planning.prediction.explanation",
+    "explain": "sarmitsuba.simulation.planning.prediction.prediction",
     "FocusingOperator": "sarmitsuba.signal.focusing.operator",
     "fit": "sarmitsuba.apps.fit.fit",
     "focus": "sarmitsuba.signal.focusing",
@@ -119,7 +119,7 @@ _HOME = {
     "polarimetry_report": "sarmitsuba.analysis.polarimetry",
     "read_image": "sarmitsuba.files",
     "read_raw": "sarmitsuba.files",
-    "refine": "sarmitsuba.simulation.execution.refinement.passes",
+    "refine": "sarmitsuba.simulation.execution.passes",
     "register_plugins": "sarmitsuba.loading.plugins",
     "render": "sarmitsuba.simulation.execution.render",
     "simulate": "sarmitsuba.simulation.execution.render",

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from types import FrameType
 
+from sarmitsuba.machine.atomic import describe_end, remove_shared, remove_unfinished, share_unfinished
 from sarmitsuba.machine.memory import share_one_heap
-from sarmitsuba.machine.unfinished import describe_end, remove_shared, remove_unfinished, share_unfinished
 
 # new objects after which Python looks for unreachable cycles: the usual 700 takes 5 % of a short run, most of it by
 # going through the libraries' modules again and again

@@ -17,9 +17,9 @@ from sarmitsuba.commands.console import Console
 from sarmitsuba.core.errors import SarmitsubaError
 from sarmitsuba.core.parameters import did_you_mean, one_line
 from sarmitsuba.core.registry import load_extension
+from sarmitsuba.machine.atomic import describe_end, withdraw_resuming
 from sarmitsuba.machine.memory import check_limits
 from sarmitsuba.machine.regular_files import check_text
-from sarmitsuba.machine.unfinished import describe_end, withdraw_resuming
 
 EXIT_OK, EXIT_USER, EXIT_INTERRUPTED = 0, 2, 130
 

@@ -22,7 +22,7 @@ from urban_block import urban_block
 
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.scene.mesh.cleaning import clean_mesh
-from sarmitsuba.scene.mesh.ply import write_ply
+from sarmitsuba.scene.mesh.formats import write_ply
 from sarmitsuba.scene.mesh.tessellate import sphere
 
 MESHES = Path(__file__).parent / "meshes"

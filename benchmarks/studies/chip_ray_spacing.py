@@ -15,9 +15,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.apps.datasets.distributions import Fixed
-from sarmitsuba.apps.datasets.draw import Drawer
-from sarmitsuba.apps.datasets.sample import make_sample
+from sarmitsuba.apps.dataset_draw import Drawer
+from sarmitsuba.apps.dataset_recipe import Fixed
+from sarmitsuba.apps.dataset_sample import make_sample
 from sarmitsuba.machine.backend import ensure_backend
 
 

@@ -64,7 +64,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import METHODS
 from sarmitsuba.signal.focusing import focus
 from sarmitsuba.signal.image import ImageGrid, SarImage
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution.render import render, simulate
 
 T = TypeVar("T")

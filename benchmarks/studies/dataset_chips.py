@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.apps.datasets.draw import Drawer
-from sarmitsuba.apps.datasets.sample import Sample, make_sample
+from sarmitsuba.apps.dataset_draw import Drawer
+from sarmitsuba.apps.dataset_sample import Sample, make_sample
 from sarmitsuba.machine.backend import dr, ensure_backend
 
 RECIPE = """

@@ -49,7 +49,7 @@ from sarmitsuba.loading.build import SceneVolume
 from sarmitsuba.radar.mode import MODES
 from sarmitsuba.radar.pattern import PATTERNS
 from sarmitsuba.scene.materials.material import SurfaceMaps
-from sarmitsuba.scene.materials.texture import Bitmap, in_plan
+from sarmitsuba.scene.materials.texture import Bitmap, place_in_plan
 from sarmitsuba.scene.motion import STILL
 from sarmitsuba.scene.settings import METHODS
 from sarmitsuba.tracing.scatterers.wires.kind import WireTarget
@@ -234,7 +234,7 @@ def water(rng: np.random.Generator) -> Content:
 
 def mapped(rng: np.random.Generator) -> Content:
     level = Bitmap(
-        10.0 ** (0.1 * rng.normal(0.0, 3.0, (2, 3))), in_plan((-HALF, -HALF, HALF, HALF)), smooth=True
+        10.0 ** (0.1 * rng.normal(0.0, 3.0, (2, 3))), place_in_plan((-HALF, -HALF, HALF, HALF)), smooth=True
     )
     soil = replace(levelled(rng, "soil"), maps=SurfaceMaps(level=level))
     return Content(rough(rng, "wall"), soil, ("level:soil", "level_map:soil", "permittivity:wall"), 3)

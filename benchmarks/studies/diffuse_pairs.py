@@ -19,8 +19,8 @@ from effects import load
 from sarmitsuba.core.timing import StageTimer
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.machine.backend import ensure_backend
-from sarmitsuba.simulation.execution.pulses import AntennaStates
 from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.execution.tracing import AntennaStates
 from sarmitsuba.simulation.planning.pilot import plan_scene
 from sarmitsuba.simulation.planning.site import RunSite
 from sarmitsuba.tracing.kernel.accumulators import BlockAccumulator

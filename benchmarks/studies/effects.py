@@ -39,7 +39,7 @@ from sarmitsuba.machine.memory import peak_memory
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TOLERANCE_DB
-from sarmitsuba.signal.raw.block import BlockPlan
+from sarmitsuba.signal.block import BlockPlan
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.simulation.execution.tracing import Tracer
 from sarmitsuba.simulation.planning.pilot import plan_scene

@@ -17,7 +17,7 @@ import numpy as np
 
 from sarmitsuba.apps.fit.changed_view import DIFFERENCE, ChangedView
 from sarmitsuba.apps.fit.image_derivative import image_derivative
-from sarmitsuba.apps.fit.parsing import offered
+from sarmitsuba.apps.fit.parsing import list_parameters
 from sarmitsuba.apps.studio_bench import BenchState, View, first_state, view_of
 from sarmitsuba.view.quicklook import panel, pixels
 
@@ -44,7 +44,7 @@ def derivative(view: View) -> tuple[float, float]:
     scene = dataclasses.replace(view.scene, settings=settings)
     for _ in range(2):
         start = time.process_time()
-        found = image_derivative(scene, offered(scene)[0], leave_out=True)
+        found = image_derivative(scene, list_parameters(scene)[0], leave_out=True)
         seconds = time.process_time() - start
     shown, start = ChangedView.of(found), time.process_time()
     pixels(panel(*shown.at(0.1).picture(DIFFERENCE)))

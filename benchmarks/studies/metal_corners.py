@@ -21,17 +21,17 @@ import _support
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.apps.datasets.draw import Drawer
+from sarmitsuba.apps.dataset_draw import Drawer
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.scene.mesh import metal_corners
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.execution.batches import built
-from sarmitsuba.simulation.execution.refinement.error_bars import estimate_pass_error
+from sarmitsuba.simulation.execution.error_bars import estimate_pass_error
 from sarmitsuba.simulation.execution.render import render
 from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.execution.tracing import build_geometry
 from sarmitsuba.tracing.kernel import scene_tables
 from tests.support.corners import drawn_corners
 
@@ -180,7 +180,7 @@ def scenes(count: int) -> None:
         rays = n_rays(Run(scene))
         scene_tables.corner_needs = timed
         try:
-            geometry = min(seconds(lambda scene=scene: built(scene)) for _ in range(ROUNDS))
+            geometry = min(seconds(lambda scene=scene: build_geometry(scene)) for _ in range(ROUNDS))
             plan = min(seconds(lambda scene=scene: Run(scene)) for _ in range(ROUNDS))
         finally:
             scene_tables.corner_needs = own

@@ -26,7 +26,7 @@ from sarmitsuba.loading.library import resolve_radar
 from sarmitsuba.machine.backend import ensure_backend, mi
 from sarmitsuba.scene.materials.vegetation.canopy import CANOPIES
 from sarmitsuba.scene.mesh.tessellate import sphere
-from sarmitsuba.simulation.execution.batches import built
+from sarmitsuba.simulation.execution.tracing import build_geometry
 from sarmitsuba.tracing.scatterers.volumes.kind import Volume
 from sarmitsuba.view.quicklook import draw
 
@@ -38,7 +38,7 @@ FROM_WALLS, BETWEEN, CROWN, MIDDLE = 4.0, 7.0, (2.3, 2.9), 5.6
 
 def heights(scene: Any, places: F64) -> F64:
     """Height of what stands at places (n, 2), m, seen from above."""
-    trace_scene = built(scene)
+    trace_scene = build_geometry(scene)
     top = float(scene.geometry.bounds[1, 2]) + 10.0
     x, y = (mi.Float(np.ascontiguousarray(column, dtype=np.float32)) for column in places.T)
     found = trace_scene.mi_scene.ray_intersect_preliminary(

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 import sarmitsuba
-from sarmitsuba.analysis.labels.echo_labels import EchoLabels, echo_labels
+from sarmitsuba.analysis.echo_labels import EchoLabels, echo_labels
 from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.loading.load import load_scene
@@ -113,7 +113,7 @@ def main() -> None:
             mean = sum(
                 np.square(np.abs(image(scene, "image", seed))).sum(axis=(1, 2)) for seed in range(given.seeds)
             )
-            area = echoes.imager.packed(whole).cell_area
+            area = echoes.imager.pack(whole).cell_area
             level = echo_labels(scene, grid, {})[0]["expected_sigma0"].values.astype(np.float64)
             wanted = (level * area[..., None]).sum(axis=(0, 1))
             ratio = ", ".join(f"{x:.4f}" for x in mean / given.seeds / wanted)

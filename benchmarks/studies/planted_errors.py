@@ -48,7 +48,7 @@ def one_way_phase() -> AbstractContextManager[None]:
 
 def _phase_factors(make: Callable[[Any], Any]) -> AbstractContextManager[None]:
     """Replace the phase of a path in every module that forms it."""
-    from sarmitsuba.simulation.planning import pilot_patches
+    from sarmitsuba.simulation.planning import pilot as pilot_patches
     from sarmitsuba.tracing.kernel import accumulators
 
     return _all(*(_replaced(module, "phase_factor", make) for module in (accumulators, pilot_patches)))
@@ -56,7 +56,7 @@ def _phase_factors(make: Callable[[Any], Any]) -> AbstractContextManager[None]:
 
 def float32_phase() -> AbstractContextManager[None]:
     from sarmitsuba.tracing.kernel import accumulators
-    from sarmitsuba.tracing.kernel.look_accumulator import ImageAccumulator
+    from sarmitsuba.tracing.kernel.accumulators import ImageAccumulator
 
     # lengths to the antenna, not differences, in single precision
     def make(f: Any) -> Any:

@@ -16,12 +16,12 @@ import numpy as np
 from sarmitsuba.analysis.image_quality import contrast, entropy
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.files import read_raw
+from sarmitsuba.signal.doppler_estimate import estimate_doppler
 from sarmitsuba.signal.focusing import apply_autofocus_records, default_grid, range_compress
-from sarmitsuba.signal.focusing.autofocus import AUTOFOCUSERS, AutofocusTask, correct_ranges, without_trend
+from sarmitsuba.signal.focusing.autofocus import AUTOFOCUSERS, AutofocusTask, correct_ranges, remove_trend
 from sarmitsuba.signal.focusing.focuser import parse_focuser
 from sarmitsuba.signal.focusing.windows import parse_window
 from sarmitsuba.signal.image import SarImage
-from sarmitsuba.signal.raw.doppler_estimate import estimate_doppler
 from tests.support.unweighted import focus
 
 METHODS = ("phase_gradient",)
@@ -73,8 +73,8 @@ def main() -> None:
         error = AUTOFOCUSERS[name].estimate(task)
         note = ""
         if truth is not None:
-            left = without_trend(raw.radar, error - truth, weight)
-            whole = without_trend(raw.radar, truth, weight)
+            left = remove_trend(raw.radar, error - truth, weight)
+            whole = remove_trend(raw.radar, truth, weight)
             note = f"off the records by {1e3 * left.std():.2f} of {1e3 * whole.std():.2f} mm rms"
         row(name, focus(correct_ranges(raw, error), request=request), note)
 

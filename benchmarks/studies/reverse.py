@@ -29,7 +29,7 @@ from sarmitsuba import Scene, SquaredDifference
 from sarmitsuba.apps.fit.forward_model import ForwardModel
 from sarmitsuba.apps.fit.material_parameters import LevelMap
 from sarmitsuba.apps.fit.parsing import parse
-from sarmitsuba.apps.fit.reverse import Objective, transposed
+from sarmitsuba.apps.fit.reverse import Objective, apply_transpose
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.machine.memory import peak_memory
 from tests.support.fits import noisy
@@ -246,12 +246,12 @@ def heights(seed: int, bodies: Sequence[int]) -> list[dict[str, Any]]:
         for edges in (False, True) if n <= MOST_WITH_EDGES else (False,):
             data, planes = model.derivative(edges=edges)
             adjoint = adjoint_of(np.random.default_rng(seed), data)
-            found, line["memory"] = transposed(model, adjoint, edges=edges)
+            found, line["memory"] = apply_transpose(model, adjoint, edges=edges)
             expected, size = products(adjoint, planes)
             line["worst"] = float(np.max(np.abs(found - expected)[size > 0.0] / size[size > 0.0]))
             del planes
         for edges, name in ((False, ""), (True, "_with_edges")):
-            line["gradient" + name] = timed(partial(transposed, model, adjoint, edges=edges)) / plain
+            line["gradient" + name] = timed(partial(apply_transpose, model, adjoint, edges=edges)) / plain
             if not edges or n <= MOST_WITH_EDGES:
                 line["jacobian" + name] = timed(partial(model.derivative, edges=edges)) / plain
         texts = [

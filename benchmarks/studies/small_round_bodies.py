@@ -26,10 +26,8 @@ from dataclasses import dataclass, replace
 import _support
 import numpy as np
 import trimesh
-from sarmitsuba.analysis.quality.error_budget import error_budget
-from sarmitsuba.signal.image.metrics import image_error_db
-from sarmitsuba.signal.image.sar_image import SarImage
 
+from sarmitsuba.analysis.error_budget import error_budget
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
@@ -37,12 +35,13 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.mesh import pieces
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.signal.image import SarImage
+from sarmitsuba.signal.metrics import image_error_db
+from sarmitsuba.simulation.execution.error_bars import add_error_bars
 from sarmitsuba.simulation.execution.image import Imager
 from sarmitsuba.simulation.execution.raw import echoes
-from sarmitsuba.simulation.execution.refinement.error_bars import with_error_bars
 from sarmitsuba.simulation.execution.run import Run
-from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
-from sarmitsuba.simulation.execution.turntable_image import turntable_scene
+from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep, turntable_scene
 from sarmitsuba.truth.theory import sphere_mie
 from sarmitsuba.truth.validation import targets
 from sarmitsuba.truth.validation.measured import bodies
@@ -275,11 +274,11 @@ def image_on_ground(scene: Scene, halvings: int = 0) -> tuple[SarImage, Run]:
         assert run.sampling is not None
         run.sampling = replace(run.sampling, halvings=halvings)
     if scene.settings.method == "hybrid":
-        return with_error_bars(focus(echoes(run))), run
+        return add_error_bars(focus(echoes(run))), run
     imager = Imager(run)
     if halvings:
         imager.sampling = run.sampling
-    return with_error_bars(imager.image()), run
+    return add_error_bars(imager.image()), run
 
 
 def on_ground(seed: int) -> OnGround:

@@ -27,7 +27,7 @@ from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.focusing.operator import FocusingOperator, focusing_operator
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.metrics import image_error_db
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.raw_data import Layer, RawData
 
 # m: resolution, and side of the image
 CELL, SIZE = 0.5, 20.0

@@ -39,7 +39,7 @@ from sarmitsuba.signal.focusing.autofocus import AutofocusTask, correct_ranges
 from sarmitsuba.signal.focusing.focuser import parse_focuser
 from sarmitsuba.signal.focusing.windows import parse_window
 from sarmitsuba.signal.image import ImageGrid, SarImage
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 from tests.support.fits import fields
 from tests.support.recorded_tracks import fitted_to_targets, read_targets
 from tests.support.tracks import TrackCase, targets, track_case, track_offsets

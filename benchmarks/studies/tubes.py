@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 from sarmitsuba.loading.library import resolve, resolve_radar
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.machine.backend import dr, mi
-from sarmitsuba.simulation.execution.pulses import KeyPulse
 from sarmitsuba.simulation.execution.run import Run
-from sarmitsuba.simulation.execution.tracing import Tracer
+from sarmitsuba.simulation.execution.tracing import KeyPulse, Tracer
 from sarmitsuba.tracing.kernel.launch import LaunchGrid
 from sarmitsuba.tracing.kernel.propagation import arrive, launch, next_facet
 from sarmitsuba.tracing.kernel.state import NO_HIT, Contribution, Hit, Kernel, RayState

@@ -27,7 +27,7 @@ from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.signal.raw import block, direct
+from sarmitsuba.signal import block, direct
 
 SLANT_RANGE = 10e3  # m: airborne
 EXTENT = 400.0  # m: a city quarter

@@ -22,7 +22,7 @@ def _drawn(report: harness.Report, count: int) -> None:
 
     Seconds are those of the processor, so that other programs on the machine matter little.
     """
-    from sarmitsuba.apps.cost.study import study_cost
+    from sarmitsuba.apps.cost import study_cost
     from sarmitsuba.loading.load import load_scene
 
     rows: list[list[Any]] = []
@@ -73,7 +73,7 @@ def _drawn(report: harness.Report, count: int) -> None:
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.apps.cost.study import study_cost
+    from sarmitsuba.apps.cost import study_cost
     from sarmitsuba.commands.cost import table
     from sarmitsuba.loading.load import load_scene
 

@@ -37,7 +37,7 @@ DESIGNS = {
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.loading.load import load_scene
-    from sarmitsuba.simulation.execution.refinement.error_bars import SHARED_DB
+    from sarmitsuba.simulation.execution.error_bars import SHARED_DB
 
     report = harness.Report(
         "error_bars",
@@ -144,7 +144,7 @@ def share(which: "np.ndarray[Any, np.dtype[np.bool_]]") -> float:
 def _refined(seed: int, folder: Path) -> dict[str, Any] | None:
     """Stated and true error of one scene after its passes; None where its truth would cost too much."""
     from sarmitsuba.signal.metrics import image_error_db
-    from sarmitsuba.simulation.execution.refinement.error_bars import (
+    from sarmitsuba.simulation.execution.error_bars import (
         PASSES_SCATTER_DB,
         PIXELS_TOGETHER,
         estimate_error,
@@ -228,11 +228,11 @@ def _designs(report: harness.Report, rows: list[dict]) -> None:  # type: ignore[
 
 def _rows(whole, name: str, share: float, factors, runs: int) -> list[dict]:  # type: ignore[no-untyped-def, type-arg]
     """True and estimated error of every run, by factor."""
-    from sarmitsuba.apps.cost.trials import TrialSetting, mean_image
+    from sarmitsuba.apps.cost_trials import TrialSetting, mean_image
     from sarmitsuba.signal.focusing import default_grid
-    from sarmitsuba.signal.raw.raw_data import Layer
+    from sarmitsuba.signal.raw_data import Layer
+    from sarmitsuba.simulation.execution.error_bars import estimate_error
     from sarmitsuba.simulation.execution.image import Imager
-    from sarmitsuba.simulation.execution.refinement.error_bars import estimate_error
     from sarmitsuba.simulation.execution.run import Run
     from sarmitsuba.simulation.planning.pilot import plan_scene
     from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan

@@ -8,8 +8,8 @@ import numpy as np
 from methods import intensity_error_db
 from speed import thinned
 
-from sarmitsuba.apps.cost.report import pareto
-from sarmitsuba.apps.cost.trials import TrialSetting, run_trial
+from sarmitsuba.apps.cost_report import pareto
+from sarmitsuba.apps.cost_trials import TrialSetting, run_trial
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.metrics import image_error_db

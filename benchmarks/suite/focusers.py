@@ -24,7 +24,7 @@ from sarmitsuba.signal.focusing.focusers.backprojection import backproject, back
 from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.metrics import image_error_db, point_target_in
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.raw_data import Layer, RawData
 from tests.support.unweighted import focus
 
 # (interpolation, oversampling): the defaults of each, and linear cheaper and dearer by a factor of two

@@ -89,7 +89,7 @@ def compute(path: Path, names: Sequence[str]) -> None:
         cpu, wall = time.process_time(), time.perf_counter()
         fine, *coarser = [solve(name, legs) for legs in LEGS[name]]
         given[name] = {
-            "solver": solver.installed(),
+            "solver": solver.install(),
             "method": METHOD,
             "legs_per_wavelength": LEGS[name][0],
             "coarser_mesh": [
@@ -146,14 +146,16 @@ def run(quick: bool, reference: Path = scenes.STORED) -> harness.Report:
         "directions; rms is of the levels' difference, direction by direction. Recompute the reference with "
         f"`{scenes.REMAKE}`: {_effort(reference)}.",
     )
-    exact, pick = scenes.stored(reference), slice(None, None, 5 if quick else 1)
+    exact, pick = scenes.read_stored(reference), slice(None, None, 5 if quick else 1)
     bands, sectors, fringes = [], [], []
     figure, ax = harness.new_figure()
     for name, scene in scenes.SCENES.items():
         want = {cut: exact[name][cut.name][pick] for cut in scene.cuts}
-        got = {cut: scenes.simulated(name, cut, pick) for cut in scene.cuts}
+        got = {cut: scenes.simulate_amplitudes(name, cut, pick) for cut in scene.cuts}
         whole = [np.concatenate([*part.values()]) for part in (want, got)]
-        fringed = np.concatenate([scenes.simulated(name, cut, pick, edges=True) for cut in scene.cuts])
+        fringed = np.concatenate(
+            [scenes.simulate_amplitudes(name, cut, pick, edges=True) for cut in scene.cuts]
+        )
         fringes += _with_edges(name, *whole, fringed)
         for i, channel in ((0, "HH"), (2, "VV")):
             found = scenes.bands(whole[0][:, i], whole[1][:, i])
@@ -267,7 +269,7 @@ def main() -> int:
     parser.add_argument("-o", "--output", type=Path, default=harness.RESULTS)
     args = parser.parse_args()
     if args.compute:
-        if not solver.installed():
+        if not solver.install():
             parser.error("--compute needs bempp-cl and an OpenCL driver: pip install '.[full-wave]'")
         compute(args.compute, args.scene or tuple(scenes.SCENES))
         return 0

@@ -6,10 +6,10 @@ import harness
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.apps.cost.trials import TrialSetting, run_trial
+    from sarmitsuba.apps.cost_trials import TrialSetting, run_trial
     from sarmitsuba.loading.load import load_scene
     from sarmitsuba.signal.focusing import default_grid
-    from sarmitsuba.signal.raw.gridding import gridding_kernel
+    from sarmitsuba.signal.gridding import gridding_kernel
     from sarmitsuba.simulation.planning.sampling.piece import crop
 
     report = harness.Report(

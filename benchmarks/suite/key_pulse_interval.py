@@ -17,7 +17,7 @@ BELOW = 3.0  # dB, that a stated error may lie below the true one
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.apps.cost.trials import TrialSetting, run_trial
+    from sarmitsuba.apps.cost_trials import TrialSetting, run_trial
     from sarmitsuba.loading.load import load_scene
     from sarmitsuba.signal.focusing import default_grid
     from sarmitsuba.simulation.planning.sampling.piece import crop
@@ -64,7 +64,7 @@ def run(quick: bool) -> harness.Report:
 
 def _boxes(report: harness.Report, count: int) -> None:
     """Stated and true error of automatic blocks over drawn scenes."""
-    from sarmitsuba.apps.cost.trials import TrialSetting, run_trial
+    from sarmitsuba.apps.cost_trials import TrialSetting, run_trial
     from sarmitsuba.loading.load import load_scene
     from sarmitsuba.signal.focusing import default_grid
     from sarmitsuba.signal.metrics import image_error_db

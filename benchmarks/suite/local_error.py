@@ -71,8 +71,8 @@ def _figures(ratio_db: "np.ndarray[Any, np.dtype[np.float64]]") -> list[str]:
 def _compared(seed: int, folder: Path) -> "tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]] | None":
     """Stated over true rms error of every place, dB, and which places are lit; None where it would cost too much."""
     from sarmitsuba.signal.image import block_means
+    from sarmitsuba.simulation.execution.error_bars import error_bars as local_errors
     from sarmitsuba.simulation.execution.raw import echoes
-    from sarmitsuba.simulation.execution.refinement.error_bars import error_bars as local_errors
     from sarmitsuba.simulation.execution.run import Run
     from tests.support.unweighted import focus
 

@@ -19,7 +19,7 @@ LOOKS = 9  # pixels per side that intensities are averaged over: speckle of 1 / 
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.apps.cost.trials import TrialSetting, mean_image, run_trial
+    from sarmitsuba.apps.cost_trials import TrialSetting, mean_image, run_trial
     from sarmitsuba.loading.load import load_scene
     from sarmitsuba.signal.focusing import default_grid
     from sarmitsuba.simulation.planning.sampling.piece import crop
@@ -154,7 +154,7 @@ def intensity_error_db(image: np.ndarray, reference: np.ndarray) -> float:
 
 def literature(quick: bool) -> list[tuple[str, float, float]]:
     """Seconds of hybrid, image and raster for 2 and 16 buildings on the same ground, warm."""
-    from sarmitsuba.apps.cost.trials import TrialSetting, run_trial
+    from sarmitsuba.apps.cost_trials import TrialSetting, run_trial
     from sarmitsuba.loading.load import load_scene
     from tests.support.city import make_city
 

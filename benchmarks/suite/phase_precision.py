@@ -6,7 +6,7 @@ import harness
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.apps.cost.trials import TrialSetting, run_trial
+    from sarmitsuba.apps.cost_trials import TrialSetting, run_trial
     from sarmitsuba.loading.load import load_scene
     from sarmitsuba.signal.focusing import default_grid
     from sarmitsuba.simulation.planning.sampling.piece import crop

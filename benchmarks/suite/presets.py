@@ -9,7 +9,7 @@ import numpy as np
 from sarmitsuba.analysis.link_budget import link_budget
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.loading.library import list_radars
-from sarmitsuba.truth.validation.cases.link import measured, preset_scene
+from sarmitsuba.truth.validation.cases.link import measure_noise, preset_scene
 
 # dB, as the sources in the radars' files have it
 PUBLISHED = {
@@ -41,7 +41,7 @@ def run(quick: bool) -> harness.Report:
                     continue
                 middle = link_budget(scene).middle
                 predicted = 10.0 * np.log10([middle.nesz, middle.snr])
-                found = 10.0 * np.log10(measured(scene, "taylor", QUICK_DRAWS if quick else DRAWS))
+                found = 10.0 * np.log10(measure_noise(scene, "taylor", QUICK_DRAWS if quick else DRAWS))
             worst = max(worst, float(np.abs(found - predicted).max()))
             numbers = (predicted[0], found[0], predicted[1], found[1])
             published = PUBLISHED.get(name, "-") if place == "centre" else ""

@@ -10,7 +10,7 @@ REFERENCE = 0.35  # spacing of the reference, as a factor: 8 times the rays of t
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.apps.cost.trials import TrialSetting, mean_image, run_trial
+    from sarmitsuba.apps.cost_trials import TrialSetting, mean_image, run_trial
     from sarmitsuba.loading.load import load_scene
     from sarmitsuba.signal.focusing import default_grid
     from sarmitsuba.simulation.planning.pilot import plan_scene

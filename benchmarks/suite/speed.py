@@ -226,7 +226,7 @@ def _rates(scene: Any, rounds: int) -> tuple[dict[str, harness.Timing], int]:
     """Seconds of one launch, for three accumulators; its number of rays."""
     from sarmitsuba.core.timing import StageTimer
     from sarmitsuba.machine.backend import dr
-    from sarmitsuba.signal.raw.block import plan_block
+    from sarmitsuba.signal.block import plan_block
     from sarmitsuba.simulation.execution.tracing import Tracer
     from sarmitsuba.simulation.planning.pilot import plan_scene
     from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan

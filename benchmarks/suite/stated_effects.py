@@ -31,9 +31,9 @@ from sarmitsuba.simulation.planning.prediction.both_ways import (
     MOST_PLACES,
     measured_both_ways,
     share_of,
-    switched,
+    switch_effect,
 )
-from sarmitsuba.simulation.planning.prediction.explanation import explain
+from sarmitsuba.simulation.planning.prediction.prediction import explain
 from tests.support.unweighted import focus
 
 # a shipped scene is made coarser by this, and no wider than so many of its resolution cells
@@ -172,7 +172,7 @@ def rows_of(scene: Scene, places: int, costs: bool) -> Iterator[Row]:
         if decision.name in ("key_pulse_interval", "noise"):
             continue
         try:
-            other = switched(scene, decision)
+            other = switch_effect(scene, decision)
             way = (alike(other), run.otherwise(other).plan)
             changed, _ = image_of(*way)
         except SarmitsubaError:  # nothing would be left

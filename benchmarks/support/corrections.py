@@ -15,10 +15,9 @@ import numpy as np
 from sarmitsuba.core.timing import StageTimer
 from sarmitsuba.machine.backend import mi
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.raw.block import BlockPlan, plan_block
-from sarmitsuba.simulation.execution.pulses import AntennaStates
+from sarmitsuba.signal.block import BlockPlan, plan_block
 from sarmitsuba.simulation.execution.run import Run
-from sarmitsuba.simulation.execution.tracing import Tracer
+from sarmitsuba.simulation.execution.tracing import AntennaStates, Tracer
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.tracing.kernel.accumulators import BlockAccumulator
 from sarmitsuba.tracing.kernel.launch import LaunchGrid

@@ -23,7 +23,7 @@ from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.focusing.profiles import plan_spectrum
 from sarmitsuba.signal.focusing.windows import parse_window
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 CARRIERS = {"L": 1.3e9, "C": 5.4e9, "X": 9.6e9, "Ku": 16e9}
 MARGIN = 12  # pixels from the image's ends to the outermost points

@@ -27,7 +27,7 @@ from sarmitsuba.signal.focusing.motion_compensation import (
 from sarmitsuba.signal.focusing.windows import parse_window
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.metrics import image_error_db
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 # every form, the low-accuracy ones too
 FORMS = (

@@ -26,7 +26,7 @@ from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.focusing.windows import parse_window
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.metrics import PointTargetMetrics, image_error_db, point_target
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 SIZES, SIZES_QUICK = (1024, 2048, 4096), (256, 512)
 RANGE, BANDWIDTH = 700e3, 100e6  # m, Hz: swaths of 1.3 to 5 km

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from sarmitsuba.apps.cost.trials import TrialSetting
-    from sarmitsuba.apps.datasets.draw import Drawer
+    from sarmitsuba.apps.cost_trials import TrialSetting
+    from sarmitsuba.apps.dataset_draw import Drawer
     from sarmitsuba.scene.scene import Scene
 
 SCENE = """<scene version="3.0.0">
@@ -183,8 +183,8 @@ def make_samples(folder: Path) -> None:
 
     from sarmitsuba.files import write_image, write_raw
     from sarmitsuba.loading.load import load_scene
-    from sarmitsuba.signal.raw.raw_data import Layer
-    from sarmitsuba.simulation.execution.refinement.running_mean import Passes
+    from sarmitsuba.signal.raw_data import Layer
+    from sarmitsuba.simulation.execution.passes import Passes
     from sarmitsuba.simulation.execution.render import simulate
     from tests.support.unweighted import focus
 
@@ -374,14 +374,14 @@ def resumed_scene() -> "Scene":
 
 def resumed_setting() -> "TrialSetting":
     """The setting of the trial in a journal."""
-    from sarmitsuba.apps.cost.trials import TrialSetting
+    from sarmitsuba.apps.cost_trials import TrialSetting
 
     return TrialSetting({"method": "image", "max_depth": 2})
 
 
 def sample_drawer(recipe: Path) -> "Drawer":
     """Drawer of the samples in a journal."""
-    from sarmitsuba.apps.datasets.draw import Drawer
+    from sarmitsuba.apps.dataset_draw import Drawer
 
     if not recipe.is_file():
         recipe.write_text(RECIPE, encoding="utf-8")
@@ -420,11 +420,10 @@ def _make_graph(folder: Path) -> None:
 
 def _make_journals(folder: Path) -> None:
     """What an interrupted run, cost study and data set leave."""
-    from sarmitsuba.apps.cost.clock import WorkClock
-    from sarmitsuba.apps.cost.trials import Trials
-    from sarmitsuba.apps.datasets.recipe import PART_NAMES
-    from sarmitsuba.apps.datasets.record import SampleForm, append
-    from sarmitsuba.apps.datasets.sample import make_sample
+    from sarmitsuba.apps.cost_trials import Trials, WorkClock
+    from sarmitsuba.apps.dataset_recipe import PART_NAMES
+    from sarmitsuba.apps.dataset_sample import make_sample
+    from sarmitsuba.apps.dataset_store import SampleForm, append
     from sarmitsuba.machine.journal import Journal
     from sarmitsuba.simulation.execution.render import simulate
 

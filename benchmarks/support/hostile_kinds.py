@@ -147,8 +147,8 @@ def _passes(path: Path) -> object:
     """Passes, which must be as the run of the samples writes them."""
     import numpy as np
 
-    from sarmitsuba.signal.raw.raw_data import Layer
-    from sarmitsuba.simulation.execution.refinement.running_mean import Passes, PassLayout
+    from sarmitsuba.signal.raw_data import Layer
+    from sarmitsuba.simulation.execution.passes import Passes, PassLayout
 
     layout = PassLayout((Layer("VV"),), *PASSES_SHAPE, 10.0)
     found = Passes.load(path, "made here", layout)
@@ -236,8 +236,7 @@ def _blocks(path: Path) -> object:
 def _trials(path: Path) -> object:
     import numpy as np
 
-    from sarmitsuba.apps.cost.clock import WorkClock
-    from sarmitsuba.apps.cost.trials import Trials
+    from sarmitsuba.apps.cost_trials import Trials, WorkClock
 
     trials = Trials(WorkClock(), path, "one")
     try:
@@ -254,9 +253,9 @@ def _samples(path: Path) -> object:
     import h5py
     import numpy as np
 
-    from sarmitsuba.apps.datasets.generate import STORE, _write_files
-    from sarmitsuba.apps.datasets.recipe import PART_NAMES
-    from sarmitsuba.apps.datasets.record import SampleForm
+    from sarmitsuba.apps.dataset_generate import STORE, _write_files
+    from sarmitsuba.apps.dataset_recipe import PART_NAMES
+    from sarmitsuba.apps.dataset_store import SampleForm
     from sarmitsuba.machine.journal import Journal
 
     drawer = sample_drawer(path.parent / "small.toml")

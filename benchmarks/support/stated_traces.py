@@ -18,16 +18,16 @@ from sarmitsuba.loading.load import load_scene
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.signal.block import plan_block, spread_reference
+from sarmitsuba.signal.block_synthesis import synthesise
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.metrics import image_error_db
-from sarmitsuba.signal.raw.block import plan_block, spread_reference
-from sarmitsuba.signal.raw.block_synthesis import synthesise
 from sarmitsuba.simulation.execution.blocks import partition
+from sarmitsuba.simulation.execution.error_bars import add_error_bars
 from sarmitsuba.simulation.execution.image import Imager
 from sarmitsuba.simulation.execution.path_table import PathTracer
 from sarmitsuba.simulation.execution.raw import echoes
-from sarmitsuba.simulation.execution.refinement.error_bars import with_error_bars
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
@@ -125,7 +125,7 @@ def rays(seed: int) -> Iterator[Row]:
     dense = run.at(2.0 ** (-0.5 * DENSER))
     truth = _looks(dense, image) if method == "image" else converged(dense, image.grid)
     true = image_error_db(image.total(), truth)
-    bar = next(iter(with_error_bars(image).metadata["sampling_error"].values()))
+    bar = next(iter(add_error_bars(image).metadata["sampling_error"].values()))
     yield Row(
         "rays",
         "two sets of rays",

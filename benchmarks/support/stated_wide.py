@@ -22,7 +22,7 @@ from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.metrics import image_error_db
-from sarmitsuba.simulation.execution.refinement.error_bars import with_error_bars
+from sarmitsuba.simulation.execution.error_bars import add_error_bars
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.simulation.execution.run import Run
 from tests.support.unweighted import focus
@@ -131,7 +131,7 @@ def _scene_text(
 
 def _row(image: SarImage, name: str, seed: int, case: str, true: float) -> Row:
     """A statement: the level that the error stays below with 95 %, where that is stated, else its level."""
-    part = next(part for part in error_budget(with_error_bars(image)) if part.name == name)
+    part = next(part for part in error_budget(add_error_bars(image)) if part.name == name)
     stated = part.error_db if math.isnan(part.upper_db) else part.upper_db
     return Row("wide", f"{name}, {part.known}", seed, case, stated, true, note=part.why)
 

@@ -12,11 +12,11 @@ from sarmitsuba.analysis.error_budget import (
     BudgetFacts,
     ErrorPart,
     bounces_left_out,
-    by_law,
     effects_by_name,
     effects_db,
     error_budget,
     gridding_error_db,
+    is_stated_by_law,
     likely_effects_db,
     number,
 )
@@ -205,7 +205,7 @@ def account(image: SarImage, stages: Mapping[str, StageTime], others: Iterable[A
     Laws: energy of the error of the rays as their number to the power 0.83, energy of the error of blocks as their
     length; bounces, effects and gridding from what the run states of them. Time of tracing as the rays or blocks, a
     bounce more as the mean bounces (at most). Errors of different causes are independent and their energies add.
-    Every law is checked by applying the change (tests/physics/test_account.py).
+    Every law is checked by applying the change (tests/analysis/test_account.py).
     """
     parts, data = error_budget(image), BudgetFacts(image.metadata)
     by_name = {part.name: part for part in parts}
@@ -218,7 +218,7 @@ def account(image: SarImage, stages: Mapping[str, StageTime], others: Iterable[A
         *_effects(data, by_name[_EFFECTS], spent),
         *_focusers(by_name["focuser"], others, stages),
     ]
-    weighed = [_with_total(change, parts) for change in changes]
+    weighed = [_add_total(change, parts) for change in changes]
     finer = [c for c in weighed if _LAWLESS_DB < c.likely_db[0] >= c.likely_db[1] + VISIBLE_DB]
     needed = WORTH * sum(t.processor for t in stages.values() if not math.isnan(t.processor))
     coarser = [c for c in weighed if c.seconds < -needed and c.likely_db[1] < c.likely_db[0] + VISIBLE_DB]
@@ -271,7 +271,7 @@ def likely_total_db(parts: Iterable[ErrorPart]) -> float:
     return total_db(replace(part, error_db=part.weight_db) for part in parts)
 
 
-def _with_total(change: Change, parts: Iterable[ErrorPart]) -> Change:
+def _add_total(change: Change, parts: Iterable[ErrorPart]) -> Change:
     """Change with the sums of the errors, stated and likely."""
     before = tuple(part for part in parts if part.counts)
     after = tuple(
@@ -390,7 +390,7 @@ def _effects(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
     found = []
     by_name = effects_by_name(data)
     for name, decision in by_name.items():
-        if by_law(decision):
+        if is_stated_by_law(decision):
             continue
         rest = {other: d for other, d in by_name.items() if other != name}
         seconds = spent.simulating * number(decision.get("cost"))

@@ -110,7 +110,7 @@ class Carrier:
         """Unit phasor of the carrier at grid coordinates."""
         return np.asarray(np.exp(4j * np.pi / self.wavelength * self.distance(azimuth, range)))
 
-    def removed(self, data: C64, rows: slice, columns: slice) -> C128:
+    def remove_carrier(self, data: C64, rows: slice, columns: slice) -> C128:
         """Pixels of a part of the image without the carrier."""
         axes = self.grid.azimuth[rows, None], self.grid.range[None, columns]
         return np.asarray(data[rows, columns] * self.phasor(*axes).conj())
@@ -164,7 +164,7 @@ class Carrier:
         row = round((azimuth - float(grid.azimuth[0])) / grid.azimuth_spacing)
         column = round((range - float(grid.range[0])) / grid.range_spacing)
         rows, columns = (slice(max(i - half, 0), i + half + 1) for i in (row, column))
-        return Chip(self.removed(data, rows, columns), rows.start, columns.start)
+        return Chip(self.remove_carrier(data, rows, columns), rows.start, columns.start)
 
     def place(self, point: F64) -> tuple[float, float]:
         """Grid coordinates of the image of a point of any height: of equal range and Doppler on the image plane.

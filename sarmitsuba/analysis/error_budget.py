@@ -8,8 +8,8 @@ import numpy as np
 
 from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.core.witness import Witness
+from sarmitsuba.signal.gridding import gridding_kernel
 from sarmitsuba.signal.image import SarImage
-from sarmitsuba.signal.raw.gridding import gridding_kernel
 
 # kinds of a figure: found in this run on so many samples; never exceeded; foretold by a law that this run did not check
 MEASURED, BOUND, LAW, UNKNOWN = "measured here", "bound", "law", "not measured"
@@ -157,7 +157,7 @@ def number(value: object) -> float:
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
 
 
-def _witnessed(part: ErrorPart, facts: object) -> ErrorPart:
+def _replace_by_witness(part: ErrorPart, facts: object) -> ErrorPart:
     """The part as a witness measured it, if there is one; its own figure, where it has one, as what a law foretold."""
     found = Witness.read(facts)
     if found is None:
@@ -175,7 +175,7 @@ def _witnessed(part: ErrorPart, facts: object) -> ErrorPart:
 
 
 def _rays(data: BudgetFacts) -> ErrorPart:
-    return _witnessed(_rays_of_two_sets(data), data.part("witnesses").get("rays"))
+    return _replace_by_witness(_rays_of_two_sets(data), data.part("witnesses").get("rays"))
 
 
 def _rays_of_two_sets(data: BudgetFacts) -> ErrorPart:
@@ -209,8 +209,8 @@ def _bounces(data: BudgetFacts) -> ErrorPart:
         )
     witness = data.part("witnesses").get("bounces")
     if Witness.read(witness) is not None:  # relative to the echoes
-        return _of_image(data, _witnessed(part, witness))
-    return _with_shown(data, part)
+        return _refer_to_image(data, _replace_by_witness(part, witness))
+    return _add_share_shown(data, part)
 
 
 def bounces_left_out(data: BudgetFacts) -> list[float]:
@@ -235,17 +235,17 @@ def _blocks(data: BudgetFacts) -> ErrorPart:
     if not math.isnan(error):
         meeting = 0 if math.isnan(keys) else max(int(keys) - 1, 0)
         part = ErrorPart(name, error, MEASURED, "where blocks meet", samples=meeting)
-    return _of_image(data, _witnessed(part, witness))
+    return _refer_to_image(data, _replace_by_witness(part, witness))
 
 
-def _of_image(data: BudgetFacts, part: ErrorPart) -> ErrorPart:
+def _refer_to_image(data: BudgetFacts, part: ErrorPart) -> ErrorPart:
     """Error relative to the echoes' energy, converted to the image's energy as if all of it were within the image."""
     shown = _shown_db(data)
     levels = {name: getattr(part, name) - shown for name in ("error_db", "likely_db", "upper_db", "law_db")}
-    return _with_shown(data, replace(part, **levels))
+    return _add_share_shown(data, replace(part, **levels))
 
 
-def _with_shown(data: BudgetFacts, part: ErrorPart) -> ErrorPart:
+def _add_share_shown(data: BudgetFacts, part: ErrorPart) -> ErrorPart:
     """An error that is a bound because the image shows a part of the echoes' energy."""
     shown = _shown_db(data)
     if shown == 0.0 or part.known == UNKNOWN or part.error_db == -math.inf:
@@ -271,7 +271,7 @@ def _gridding(data: BudgetFacts) -> ErrorPart:
     if not 1.0 <= width <= 8.0:
         return ErrorPart("gridding", math.nan, UNKNOWN)
     why = f"kernel of {width:g} cells, echoes at all frequencies used"
-    return _of_image(data, ErrorPart("gridding", gridding_error_db(int(width)), BOUND, why))
+    return _refer_to_image(data, ErrorPart("gridding", gridding_error_db(int(width)), BOUND, why))
 
 
 def gridding_error_db(width: int) -> float:
@@ -289,8 +289,8 @@ def _focuser(data: BudgetFacts) -> ErrorPart:
     if math.isnan(error):
         part = ErrorPart("focuser", math.nan, UNKNOWN, f"{method} states none" if method else "")
     if Witness.read(focus.get("witness")) is not None:  # of pixels: relative to the image
-        return _witnessed(part, focus["witness"])
-    return _of_image(data, part)
+        return _replace_by_witness(part, focus["witness"])
+    return _refer_to_image(data, part)
 
 
 def _effects(data: BudgetFacts) -> ErrorPart:
@@ -302,7 +302,7 @@ def _effects(data: BudgetFacts) -> ErrorPart:
     unknown = [name for name, decision in left_out.items() if math.isnan(number(decision.get("error_db")))]
     if unknown:
         return ErrorPart("effects left out", math.nan, UNKNOWN, f"no bound of {', '.join(unknown)}")
-    measured = not any(by_law(decision) for decision in left_out.values())
+    measured = not any(is_stated_by_law(decision) for decision in left_out.values())
     likely = math.nan if measured else likely_effects_db(left_out.values())
     error = effects_db(left_out.values())
     if error == -math.inf:
@@ -311,7 +311,7 @@ def _effects(data: BudgetFacts) -> ErrorPart:
     witness = data.part("witnesses").get("effects")
     if Witness.read(witness) is None:
         return part
-    return _of_image(data, _witnessed(part, witness))  # relative to the echoes
+    return _refer_to_image(data, _replace_by_witness(part, witness))  # relative to the echoes
 
 
 def _theory(data: BudgetFacts, image: SarImage) -> ErrorPart:
@@ -328,7 +328,7 @@ def _theory(data: BudgetFacts, image: SarImage) -> ErrorPart:
         later = bounces_left_out(data)  # all of the image's energy without a pilot
         share += repeated * power_from_db(later[1] if len(later) > 1 else 0.0)
     part = ErrorPart(THEORY, min(db_from_power(share), 0.0), LAW, why)
-    return _witnessed(part, data.part("witnesses").get("theory"))
+    return _replace_by_witness(part, data.part("witnesses").get("theory"))
 
 
 def _energy(image: SarImage, channel: str) -> float:
@@ -353,11 +353,11 @@ def effects_db(decisions: Iterable[Mapping[str, object]], laws_lower_by: float =
     for decision in decisions:
         error = number(decision.get("error_db"))
         if not math.isnan(error):
-            energy += power_from_db(error - laws_lower_by * by_law(decision))
+            energy += power_from_db(error - laws_lower_by * is_stated_by_law(decision))
     return db_from_power(energy)
 
 
-def by_law(decision: Mapping[str, object]) -> bool:
+def is_stated_by_law(decision: Mapping[str, object]) -> bool:
     """Whether an effect's error is a loose bound by a law, which neither rays nor images measured."""
     return decision.get("error_is") != "measured" and decision.get("source") != "pilot"
 

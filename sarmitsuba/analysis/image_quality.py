@@ -295,7 +295,7 @@ def spectral_looks(
         )
     grid = image.grid
     cells = grid_cells(image, grid.range.size // 2)
-    data = Carrier.of(image).removed(image.total(channel), slice(None), slice(None))
+    data = Carrier.of(image).remove_carrier(image.total(channel), slice(None), slice(None))
     sets, widths, enl = [], [], 1.0
     windows = windows_of(image)
     parts = (
@@ -490,7 +490,9 @@ def image_quality(
     """
     if points is not None and not points:
         raise DataError("quality: the list of points is empty; give points, or leave it out to find them")
-    known = scene_points(image, channel) if points is None else [_known(point) for point in points]
+    known = (
+        scene_points(image, channel) if points is None else [_describe_known_point(point) for point in points]
+    )
     left_out: tuple[str, ...] = ()
     if known:
         measured, left_out = measure_known(image, known, channel)
@@ -529,7 +531,7 @@ def image_quality(
     )
 
 
-def _known(point: KnownPoint | tuple[float, float, float]) -> KnownPoint:
+def _describe_known_point(point: KnownPoint | tuple[float, float, float]) -> KnownPoint:
     return point if isinstance(point, KnownPoint) else KnownPoint(point)
 
 

@@ -27,7 +27,7 @@ from sarmitsuba.core.constants import DEFAULT_WINDOW, SPEED_OF_LIGHT
 from sarmitsuba.core.errors import RadarError
 from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.machine.exclusive import exclusive
-from sarmitsuba.machine.memory import in_bytes
+from sarmitsuba.machine.memory import format_bytes
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.link_budget import nesz
 from sarmitsuba.radar.pattern import PATTERNS, SINC_HALF_POWER
@@ -255,9 +255,9 @@ def findings(
     """
     where = given.where if given is not None else "radar"
     found = [
-        *_of_the_pulses(where, timing, _remedy(timing)),
-        *_of_the_antenna(where, radar, places[len(places) // 2]),
-        *_of_the_aperture(where, radar, places[len(places) // 2], given),
+        *_check_pulses(where, timing, _remedy(timing)),
+        *_check_antenna(where, radar, places[len(places) // 2]),
+        *_check_aperture(where, radar, places[len(places) // 2], given),
     ]
     if radar.noise_temperature <= 0.0:
         found.append(
@@ -276,7 +276,7 @@ def _remedy(timing: PulseTiming) -> str:
     return f"take prf = {free:.5g} Hz" if free is not None else "shorten the swath or pulse_width"
 
 
-def _of_the_pulses(where: str, t: PulseTiming, remedy: str) -> list[Finding]:
+def _check_pulses(where: str, t: PulseTiming, remedy: str) -> list[Finding]:
     found = []
     if t.prf < t.processed_bandwidth * (1.0 - 1e-9):
         found.append(
@@ -348,7 +348,7 @@ def antenna_area(radar: Radar) -> float:
     return length * height
 
 
-def _of_the_antenna(where: str, radar: Radar, place: PlaceBudget) -> list[Finding]:
+def _check_antenna(where: str, radar: Radar, place: PlaceBudget) -> list[Finding]:
     if not radar.antenna.directive:
         return []
     found = []
@@ -379,7 +379,7 @@ def _of_the_antenna(where: str, radar: Radar, place: PlaceBudget) -> list[Findin
     return found
 
 
-def _of_the_aperture(where: str, radar: Radar, place: PlaceBudget, given: RadarInput | None) -> list[Finding]:
+def _check_aperture(where: str, radar: Radar, place: PlaceBudget, given: RadarInput | None) -> list[Finding]:
     asked = given.sensor.azimuth_resolution if given is not None and given.track is None else 0.0
     own = np.isfinite(radar.half_aperture)
     squint = float(flight(radar)[1][radar.track.center_index])
@@ -640,8 +640,8 @@ def _table(budget: LinkBudget) -> str:
         ("free prf", _bands(t.free_prf, t.prf)),
         (
             "raw data",
-            f"{budget.data.samples:.4g} samples, {in_bytes(budget.data.bytes)}, {in_bytes(budget.data.rate)}/s for "
-            f"{budget.data.seconds:.3g} s",
+            f"{budget.data.samples:.4g} samples, {format_bytes(budget.data.bytes)}, {format_bytes(budget.data.rate)}/s "
+            f"for {budget.data.seconds:.3g} s",
         ),
     ]
     width = max(len(name) for name, _ in (*radar, *pulses, *((label, "") for label, _ in _ROWS)))

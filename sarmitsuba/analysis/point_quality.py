@@ -245,7 +245,7 @@ def _measure(
     cells = grid_cells(image, column)
     piece = _square(pixel, cells, step, grid.shape)
     first = (piece[0].start, piece[1].start)
-    chip = carrier.removed(data, *piece)
+    chip = carrier.remove_carrier(data, *piece)
     lobes = carrier.lobes(*place)
     m = point_target(
         chip,
@@ -264,7 +264,7 @@ def _measure(
     if known is not None:
         at = [p - f for p, f in zip(pixel, first, strict=True)]
         phase = float(np.angle(Chip(chip).at([at[0]], [at[1]])[0]))
-    phase = _wrapped(phase + turn)
+    phase = _wrap_phase(phase + turn)
     return PointQuality(
         name=name,
         azimuth=azimuth,
@@ -275,7 +275,7 @@ def _measure(
         rcs=m.rcs,
         rcs_error_db=db_from_power(m.rcs / known.rcs) if known and known.rcs else math.nan,
         phase=phase,
-        phase_error=_wrapped(phase - known.phase) if known and known.phase is not None else math.nan,
+        phase_error=_wrap_phase(phase - known.phase) if known and known.phase is not None else math.nan,
         background_db=_background_db(chip, m, cells, step),
         azimuth_cut=m.azimuth,
         range_cut=m.range,
@@ -311,5 +311,5 @@ def _background_db(
     return db_from_power(m.rcs / level) if level > 0.0 else math.inf
 
 
-def _wrapped(phase: float) -> float:
+def _wrap_phase(phase: float) -> float:
     return math.remainder(phase, 2.0 * math.pi)

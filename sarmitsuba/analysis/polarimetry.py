@@ -34,7 +34,7 @@ from sarmitsuba.core.units import db_from_power
 from sarmitsuba.signal.image import SarImage, block_means, sliding_means
 
 
-def averaged(values: NDArray[np.complexfloating], looks: tuple[int, int], sliding: bool) -> C128:
+def average_pixels(values: NDArray[np.complexfloating], looks: tuple[int, int], sliding: bool) -> C128:
     """Means of (n_azimuth, n_range) complex values over ``looks`` pixels (azimuth, range).
 
     Parameters
@@ -147,7 +147,7 @@ def pauli_vector(quad: QuadPol) -> C64:
 
     Components: odd bounces and surfaces; even bounces; even bounces rotated by 45 degrees, and volumes.
     """
-    return _stacked(quad.hh + quad.vv, quad.hh - quad.vv, 2.0 * quad.cross)
+    return _stack_channels(quad.hh + quad.vv, quad.hh - quad.vv, 2.0 * quad.cross)
 
 
 def lexicographic_vector(quad: QuadPol) -> C64:
@@ -179,7 +179,7 @@ def coherency4(quad: QuadPol, looks: tuple[int, int] = (1, 1), *, sliding: bool 
 
     The upper 3 x 3 block is T3; the last diagonal element is the power of HV - VH: noise or a fault.
     """
-    vector = _stacked(
+    vector = _stack_channels(
         quad.hh + quad.vv, quad.hh - quad.vv, quad.hv + quad.vh, np.complex64(1j) * (quad.hv - quad.vh)
     )
     return _moments(vector, looks, sliding)
@@ -223,7 +223,7 @@ def hermitian(matrices: ArrayLike) -> C128:
     return array
 
 
-def _stacked(*parts: C64) -> C64:
+def _stack_channels(*parts: C64) -> C64:
     return np.stack([np.asarray(part * np.float32(1.0 / _ROOT_2)) for part in parts], axis=-1)
 
 
@@ -232,7 +232,7 @@ def _moments(vector: C64, looks: tuple[int, int], sliding: bool) -> C128:
     n = vector.shape[-1]
     wide = vector.astype(np.complex128)
     rows = [
-        [averaged(wide[..., i] * np.conj(wide[..., j]), looks, sliding) for j in range(i + 1)]
+        [average_pixels(wide[..., i] * np.conj(wide[..., j]), looks, sliding) for j in range(i + 1)]
         for i in range(n)
     ]
     full = [[rows[i][j] if j <= i else np.conj(rows[j][i]) for j in range(n)] for i in range(n)]
@@ -482,8 +482,8 @@ def stokes_of(
 ) -> Stokes:
     """Stokes vector of two complex channels (n_azimuth, n_range), H and V received."""
     h, v = (channel.astype(np.complex128) for channel in (horizontal, vertical))
-    p_h, p_v = (averaged(np.abs(x) ** 2 + 0j, looks, sliding).real for x in (h, v))
-    product = averaged(h * np.conj(v), looks, sliding)
+    p_h, p_v = (average_pixels(np.abs(x) ** 2 + 0j, looks, sliding).real for x in (h, v))
+    product = average_pixels(h * np.conj(v), looks, sliding)
     return Stokes(p_h + p_v, p_h - p_v, 2.0 * product.real, -2.0 * product.imag, sent)
 
 

@@ -115,7 +115,7 @@ def pulse_timing(radar: Radar, grid: ImageGrid, height: float) -> PulseTiming:
         processed = used
     else:
         spread = doppler_bandwidth(
-            position, velocity, _box(grid), wave.wavelength, instantaneous=_at_once(radar)
+            position, velocity, _box(grid), wave.wavelength, instantaneous=_samples_one_instant(radar)
         )
         processed = min(used, spread)
     lowest = used if np.isfinite(used) else processed if np.isinf(beam) else beam
@@ -150,7 +150,7 @@ def _box(grid: ImageGrid) -> Box:
     return Box(foot, np.stack([grid.along, grid.across, UP]), low, high)
 
 
-def _at_once(radar: Radar) -> bool:
+def _samples_one_instant(radar: Radar) -> bool:
     """Whether only the Doppler spread of one instant must be sampled: the beam, or the focuser, tracks the point."""
     return radar.mode_law.instantaneous_doppler or not radar.track.is_straight
 
@@ -212,12 +212,12 @@ def free_bands(
     while n / (t0 - pulse_width) <= high and len(bands) < _MOST_BANDS:
         band = (max(low, n / (t0 - pulse_width)), min(high, (n + 1) / t1))
         if band[0] < band[1]:
-            bands += _without_nadir(band, t1 - nadir[0], t0 - nadir[0] - pulse_width)
+            bands += _cut_nadir(band, t1 - nadir[0], t0 - nadir[0] - pulse_width)
         n += 1
     return tuple(bands)
 
 
-def _without_nadir(band: Interval, until: float, since: float) -> list[Interval]:
+def _cut_nadir(band: Interval, until: float, since: float) -> list[Interval]:
     """Parts of a band in which the nadir echo of a later pulse does not overlap the echoes.
 
     Parameters

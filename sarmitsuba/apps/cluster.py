@@ -31,7 +31,7 @@ from distributed import Worker, WorkerPlugin, get_worker
 from sarmitsuba.core.errors import ClusterError
 from sarmitsuba.core.registry import load_extension
 from sarmitsuba.machine.backend import dr, ensure_backend
-from sarmitsuba.machine.memory import in_bytes
+from sarmitsuba.machine.memory import format_bytes
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.aperture_weights import matched_weights
@@ -39,8 +39,8 @@ from sarmitsuba.signal.focusing.focuser import Auto, Focused, Focuser, FocusTask
 from sarmitsuba.signal.focusing.focusers.backprojection import Backprojection
 from sarmitsuba.signal.focusing.pixel_tiles import TILE_PIXELS, Tiles
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.threads import n_threads
-from sarmitsuba.simulation.execution.batches import Batch, BatchTracer, Traced, TraceJob
+from sarmitsuba.signal.threads import n_threads
+from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, Traced, TraceJob
 from sarmitsuba.simulation.planning.prediction.needs import duration
 from sarmitsuba.simulation.planning.prediction.prediction import Prediction
 from sarmitsuba.version import __version__
@@ -123,7 +123,7 @@ Result = TypeVar("Result")
 
 
 class DaskWorkers:
-    """Workers of a Dask cluster; see :class:`sarmitsuba.simulation.execution.batches.Workers`.
+    """Workers of a Dask cluster; see :class:`sarmitsuba.simulation.execution.tracing.Workers`.
 
     Parameters
     ----------
@@ -313,10 +313,10 @@ class SharedAuto(Auto):
     ) -> tuple[Focuser, str]:
         """The focuser used, distributed to the workers, and why."""
         found, reason = super().resolved(radar, grid, data_error_db)
-        return (shared(found, self.workers) if self.workers else found), reason
+        return (distribute_focuser(found, self.workers) if self.workers else found), reason
 
 
-def shared(focuser: Focuser, workers: DaskWorkers) -> Focuser:
+def distribute_focuser(focuser: Focuser, workers: DaskWorkers) -> Focuser:
     """The focuser distributed to workers; itself where it is not backprojection."""
     if type(focuser) is Auto:
         return SharedAuto(focuser.error, workers)
@@ -454,7 +454,7 @@ class ClusterPlan:
         """One line."""
         return (
             f"on {self.workers} workers like this machine: {duration(self.seconds)}, of which "
-            f"{duration(self.moving_seconds)} for {in_bytes(round(self.moved_bytes))} of traffic at "
+            f"{duration(self.moving_seconds)} for {format_bytes(round(self.moved_bytes))} of traffic at "
             f"{8e-9 * self.bytes_per_second:g} Gbit/s; "
             f"{self.worker_hours:.3g} worker hours, {100.0 * self.efficiency:.0f} % of them busy"
         )

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sarmitsuba.apps.cost.trials import TrialSetting, run_trial
+from sarmitsuba.apps.cost_trials import TrialSetting, run_trial
 from sarmitsuba.core.arrays import C64
 from sarmitsuba.core.errors import SarmitsubaWarning, SceneError
 from sarmitsuba.core.progress import Progress, silent
@@ -139,7 +139,7 @@ def study_depth(
                 bounces,
                 image_error_db(part, total) if energy > 0.0 else float("-inf"),
                 db_from_power(alone / energy) if energy > 0.0 else float("-inf"),
-                _changed(part, before) if bounces > 1 else 1.0,
+                _share_changed(part, before) if bounces > 1 else 1.0,
                 seconds,
             )
         )
@@ -156,7 +156,7 @@ def _sum_order(image: SarImage, channel: str, order: int) -> C64:
     return np.asarray(np.sum(planes, axis=0) if planes else np.zeros(image.grid.shape), dtype=np.complex64)
 
 
-def _changed(part: C64, before: C64) -> float:
+def _share_changed(part: C64, before: C64) -> float:
     """Share of the pixels whose level differs by more than ``CHANGED_DB``."""
     ratio = amplitude_from_db(CHANGED_DB)
     a, b = np.abs(part), np.abs(before)

@@ -33,7 +33,7 @@ from websockets.http11 import Request, Response
 
 from sarmitsuba.apps.fit.changed_view import IMAGE, PICTURES, ChangedView
 from sarmitsuba.apps.fit.image_derivative import image_derivative
-from sarmitsuba.apps.fit.parsing import offered
+from sarmitsuba.apps.fit.parsing import list_parameters
 from sarmitsuba.apps.studio_bench import View, command, first_state, save, surfaces, view_of
 from sarmitsuba.apps.studio_scene import beam_at, bodies, image_plane, track_shown
 from sarmitsuba.core.arrays import F32, F64, U8
@@ -102,7 +102,7 @@ class Guard:
         return guarded
 
     @contextmanager
-    def installed(self) -> Iterator[None]:
+    def install(self) -> Iterator[None]:
         """Guard web socket servers started within the context; viser has no setting for it."""
         module = websockets.asyncio.server
         plain = module.serve
@@ -201,7 +201,7 @@ class DerivativeTab:
     def update(self, view: View) -> None:
         """Compute and show what the controls ask for, of the last simulated view."""
         if self._offered is not view:
-            self._offered, words = view, (NOTHING, *offered(view.scene))
+            self._offered, words = view, (NOTHING, *list_parameters(view.scene))
             if words != tuple(self.parameter.options):
                 self.parameter.options = words
         word = self.parameter.value
@@ -249,7 +249,7 @@ class DerivativeTab:
             self.status.content = f"*differentiating ... {100.0 * share:.0f} %*"
 
         try:
-            found = image_derivative(_with_raw_data(view.scene), word, leave_out=True, progress=go_on)
+            found = image_derivative(_use_raw_method(view.scene), word, leave_out=True, progress=go_on)
         except SupersededError:
             self.status.content, self._of = "", None
             return False
@@ -268,7 +268,7 @@ class DerivativeTab:
         return True
 
 
-def _with_raw_data(scene: Scene) -> Scene:
+def _use_raw_method(scene: Scene) -> Scene:
     """The scene with the method ``hybrid``, unless its own makes raw data."""
     settings = scene.settings
     return (
@@ -319,7 +319,7 @@ class Studio:
         self._woken.set()
         self._lock = threading.Lock()
         self._guard = Guard()
-        with _without_banner(), self._guard.installed():
+        with _suppress_banner(), self._guard.install():
             self.server = viser.ViserServer(host=host, port=port, label="sarmitsuba studio", verbose=False)
         self.server.scene.set_up_direction("+z")
         # no share button: it would publish the page through an external server
@@ -355,7 +355,7 @@ class Studio:
         state = self.state
         self._status.content = "*simulating ...*"
         if self.view is not None and not self._stale:
-            self._picture.image = dimmed(self._picture.image)
+            self._picture.image = dim_picture(self._picture.image)
             self._stale = True
         try:
             view = view_of(state, Path(self._work.name))
@@ -371,7 +371,7 @@ class Studio:
 
     def close(self) -> None:
         """Stop serving the page."""
-        with _without_banner():
+        with _suppress_banner():
             self.server.stop()
         self._work.cleanup()
 
@@ -497,18 +497,18 @@ class Studio:
         for body in bodies(view.scene):
             scene.add_mesh_simple(
                 f"/bodies/{body.name}",
-                self._placed(body.vertices),
+                self._place(body.vertices),
                 body.faces,
                 color=body.colour,
                 flat_shading=True,
                 side="double",
             )
         track = track_shown(view.scene)
-        lines = self._placed(np.stack([track[:-1], track[1:]], axis=1))
+        lines = self._place(np.stack([track[:-1], track[1:]], axis=1))
         scene.add_line_segments("/track", lines, _TRACK, thickness=3.0, thickness_units="screen")
         self._show_beam()
         if first:
-            antenna = self._placed(track.mean(axis=0))
+            antenna = self._place(track.mean(axis=0))
             along, across = view.scene.radar.track.along, view.scene.radar.across
             # from behind the radar's side, with the antenna and the ground in the picture
             self.server.initial_camera.look_at = 0.35 * antenna
@@ -530,7 +530,7 @@ class Studio:
             plane.width * self._scale,
             plane.height * self._scale,
             wxyz=Rotation.from_matrix(axes).as_quat(scalar_first=True),
-            position=self._placed(plane.center),
+            position=self._place(plane.center),
         )
 
     @property
@@ -543,7 +543,7 @@ class Studio:
         diameter = 0.0 if any(geometry.mesh_endless) else geometry.diameter
         return _SIZE / max(diameter, image.extent_azimuth, image.extent_range)
 
-    def _placed(self, points: F64) -> F32:
+    def _place(self, points: F64) -> F32:
         """Displayed positions of points (..., 3) of the scene, relative to the aim point."""
         assert self.view is not None
         return np.asarray((points - self.view.scene.radar.aim_point) * self._scale, dtype=np.float32)
@@ -557,7 +557,7 @@ class Studio:
         vertices, faces = beam.mesh
         scene.add_mesh_simple(
             "/beam",
-            self._placed(vertices),
+            self._place(vertices),
             faces,
             color=_BEAM,
             opacity=0.15,
@@ -566,12 +566,12 @@ class Studio:
             receive_shadow=False,
         )
         rim = np.stack([beam.rim, np.roll(beam.rim, -1, axis=0)], axis=1)
-        lines = self._placed(np.concatenate([rim, np.stack([beam.antenna, beam.middle])[None]]))
+        lines = self._place(np.concatenate([rim, np.stack([beam.antenna, beam.middle])[None]]))
         scene.add_line_segments("/beam/lines", lines, _BEAM, thickness=2.0, thickness_units="screen")
-        scene.add_icosphere("/antenna", 0.02 * _SIZE, color=_TRACK, position=self._placed(beam.antenna))
+        scene.add_icosphere("/antenna", 0.02 * _SIZE, color=_TRACK, position=self._place(beam.antenna))
 
 
-def _without_banner() -> AbstractContextManager[object]:
+def _suppress_banner() -> AbstractContextManager[object]:
     """Suppress the output of viser, for which it has no setting; only the command line prints."""
     return redirect_stdout(StringIO())
 
@@ -583,7 +583,7 @@ def grey_levels(display: Display) -> U8:
     return np.asarray(255.0 * np.clip(share, 0.0, 1.0), dtype=np.uint8)
 
 
-def dimmed(picture: U8) -> U8:
+def dim_picture(picture: U8) -> U8:
     """A picture that is out of date: pale, with little contrast."""
     return np.asarray(np.round(255.0 - _STALE * (255.0 - picture.astype(np.float64))), dtype=np.uint8)
 

@@ -107,7 +107,7 @@ def first_state(source: str) -> BenchState:
             f"{path.name}: the studio needs a scene file; write one with the mesh as a shape, such as "
             f'<shape type="ply"><string name="filename" value="{path.name}"/></shape>'
         )
-    has_radar = any(node.get("type") == "sar_antenna" for node in _parsed(path).iter("sensor"))
+    has_radar = any(node.get("type") == "sar_antenna" for node in _parse_scene(path).iter("sensor"))
     radar = load_scene(path, radar=None if has_radar else RADAR).radar
     line = radar.aim_point - radar.track.center_position
     distance = float(np.linalg.norm(line))
@@ -127,7 +127,7 @@ def first_state(source: str) -> BenchState:
 
 def surfaces(source: Path) -> tuple[str, ...]:
     """Ids of the BSDFs of a scene file whose materials can be changed."""
-    return tuple(node.attrib["id"] for node in _parsed(source).findall("bsdf") if "id" in node.attrib)
+    return tuple(node.attrib["id"] for node in _parse_scene(source).findall("bsdf") if "id" in node.attrib)
 
 
 def scene_xml(state: BenchState) -> str:
@@ -141,7 +141,7 @@ def scene_xml(state: BenchState) -> str:
     SceneError
         The source is not well-formed XML, or a material is given for an unknown surface.
     """
-    root = _parsed(state.source)
+    root = _parse_scene(state.source)
     for kind in ("sensor", "integrator", "film"):
         for node in root.findall(kind):
             root.remove(node)
@@ -152,7 +152,7 @@ def scene_xml(state: BenchState) -> str:
         _made_of(next(node for node in root.findall("bsdf") if node.get("id") == name), material)
     for shape in root.findall("shape"):
         if state.size != 1.0:
-            _scaled(shape, state.size)
+            _scale_shape(shape, state.size)
     at = len(root.findall("default"))
     root.insert(at, _radar(state))
     root.insert(
@@ -215,17 +215,17 @@ def _write(path: Path, text: str) -> None:
         Path(temporary).write_text(text, encoding="utf-8")
 
 
-def _parsed(path: Path) -> ET.Element:
+def _parse_scene(path: Path) -> ET.Element:
     """Root of a scene file with the files that it includes in place; names of files are absolute.
 
     Includes whose name holds a parameter stay.
     """
     if os.path.isfile(path):
         check_document(path)
-    return _spliced(path)
+    return _splice_includes(path)
 
 
-def _spliced(path: Path) -> ET.Element:
+def _splice_includes(path: Path) -> ET.Element:
     try:
         root = ET.parse(path).getroot()
     except ET.ParseError as error:
@@ -242,7 +242,7 @@ def _spliced(path: Path) -> ET.Element:
                 node.set("filename", str(path.parent / name))
                 continue
             at = list(parent).index(node)
-            parent[at : at + 1] = list(_spliced(path.parent / name))
+            parent[at : at + 1] = list(_splice_includes(path.parent / name))
     return root
 
 
@@ -284,7 +284,7 @@ def _made_of(node: ET.Element, material: str) -> None:
     node.insert(0, ET.Element("string", {"name": "material", "value": material}))
 
 
-def _scaled(shape: ET.Element, size: float) -> None:
+def _scale_shape(shape: ET.Element, size: float) -> None:
     """Scale a shape about the origin, after its other transforms; of ground without end its level and extent."""
     if shape.get("type") == RADAR_GROUND:
         for node in shape.findall("float"):

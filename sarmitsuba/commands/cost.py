@@ -8,7 +8,7 @@ from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
 
 if TYPE_CHECKING:
-    from sarmitsuba.apps.cost.report import CostReport
+    from sarmitsuba.apps.cost_report import CostReport
     from sarmitsuba.machine.output import OutputFolder
 
 NAME = "cost"
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         raise SceneError(f"cost: --target-error = {args.target_error:g} dB must be below 0")
     if args.resume and not args.output:
         raise SceneError("cost: --resume needs -o OUT, the folder of the earlier study")
-    from sarmitsuba.apps.cost.study import study_cost
+    from sarmitsuba.apps.cost import study_cost
     from sarmitsuba.machine.journal import remove_journal
     from sarmitsuba.machine.output import output_folder
     from sarmitsuba.simulation.execution.fingerprint import fingerprint
@@ -124,7 +124,7 @@ def _text(report: "CostReport", name: str, command: str) -> str:
         "sweep, to its best value",
         *table(report),
         "",
-        *_skipped(report),
+        *_list_skipped(report),
         f"the scene's own settings on the whole scene: {report.full_seconds:.2f} s "
         f"({'measured' if report.own.measured else 'predicted'})",
         f"cheapest combinations (m: measured; errors are of {report.proof.text}, relative to "
@@ -168,7 +168,7 @@ def _text(report: "CostReport", name: str, command: str) -> str:
     return "\n".join(lines)
 
 
-def _skipped(report: "CostReport") -> list[str]:
+def _list_skipped(report: "CostReport") -> list[str]:
     """Line about the sweeps that the budget left out."""
     names = ", ".join(report.skipped)
     return [f"not swept or cut short: {names}; a larger --budget with --resume sweeps them"] if names else []
@@ -182,7 +182,7 @@ def _short(changes: object) -> str:
 def _check_earlier(folder: "OutputFolder", run_hash: str) -> None:
     """Raise an OutputError where the folder holds the study of another scene."""
     from sarmitsuba.core.errors import OutputError
-    from sarmitsuba.machine import parameter_file
+    from sarmitsuba.machine import output as parameter_file
 
     if not folder.owns(RECORD):
         return
@@ -195,7 +195,7 @@ def _check_earlier(folder: "OutputFolder", run_hash: str) -> None:
 
 
 def _save(folder: "OutputFolder", report: "CostReport", name: str, run_hash: str, text: str) -> None:
-    from sarmitsuba.machine import parameter_file
+    from sarmitsuba.machine import output as parameter_file
     from sarmitsuba.machine.atomic import atomic_path
     from sarmitsuba.view.charts import cost_figure, save_figure
 

@@ -41,8 +41,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
     if not 0 <= args.jobs <= 4096:
         raise SarmitsubaError(f"dataset: --jobs {args.jobs} is not from 0 to 4096")
     check_cluster_argument(args)
-    from sarmitsuba.apps.datasets.draw import Drawer
-    from sarmitsuba.apps.datasets.generate import DATASET_FILES, GenerationPlan, generate
+    from sarmitsuba.apps.dataset_draw import Drawer
+    from sarmitsuba.apps.dataset_generate import DATASET_FILES, GenerationPlan, generate
     from sarmitsuba.machine.output import output_folder
 
     drawer = Drawer.of(args.recipe)

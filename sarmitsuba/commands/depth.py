@@ -104,7 +104,7 @@ def _save(
     folder: "OutputFolder", study: "DepthStudy", rows: list[dict[str, float | int | None]], console: Console
 ) -> None:
     from sarmitsuba.commands.results import draw_into
-    from sarmitsuba.machine import parameter_file
+    from sarmitsuba.machine import output as parameter_file
     from sarmitsuba.view.charts import depth_figure
 
     with folder.writing(RECORD) as path:

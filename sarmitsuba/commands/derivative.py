@@ -47,10 +47,10 @@ def run(args: argparse.Namespace, console: Console) -> int:
     """Differentiate, draw, write the results; without a parameter list those of the scene."""
     from sarmitsuba.apps.fit.changed_view import ChangedView, derivative_figure
     from sarmitsuba.apps.fit.image_derivative import image_derivative
-    from sarmitsuba.apps.fit.parsing import offered
+    from sarmitsuba.apps.fit.parsing import list_parameters
     from sarmitsuba.core.errors import SceneError
     from sarmitsuba.files import write_image
-    from sarmitsuba.machine import parameter_file
+    from sarmitsuba.machine import output as parameter_file
     from sarmitsuba.machine.backend import ensure_backend
     from sarmitsuba.machine.output import OutputFolder, output_folder
     from sarmitsuba.view.quicklook import save
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         if args.change is not None or args.simulate:
             raise SceneError("--change and --simulate are of a parameter; give --parameter")
         ensure_backend()
-        console.say("\n".join(offered(scene_of(args))))
+        console.say("\n".join(list_parameters(scene_of(args))))
         return 0
     out = Path(args.output or f"derivative_{Path(args.scene).stem}")
     OutputFolder(out).check_names((TABLE, IMAGE, PICTURE))

@@ -45,7 +45,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     if args.quick:
         return _quick(args, console)
     from sarmitsuba.machine.backend import ensure_backend
-    from sarmitsuba.simulation.planning.prediction.explanation import explain
+    from sarmitsuba.simulation.planning.prediction.prediction import explain
 
     if args.workers is not None and (args.workers < 1 or args.plan_only):
         raise ClusterError(

@@ -11,7 +11,7 @@ from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
 
 if TYPE_CHECKING:
     from sarmitsuba.apps.fit.least_squares import Prior
-    from sarmitsuba.signal.raw.raw_data import RawData
+    from sarmitsuba.signal.raw_data import RawData
     from sarmitsuba.view.figure import Figure
 
 NAME = "fit"
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.commands.results import draw_into
     from sarmitsuba.core.errors import SceneError
     from sarmitsuba.files import read_raw, write_raw
-    from sarmitsuba.machine import parameter_file
+    from sarmitsuba.machine import output as parameter_file
     from sarmitsuba.machine.backend import ensure_backend
     from sarmitsuba.machine.output import OutputFolder, output_folder
 

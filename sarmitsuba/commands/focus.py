@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from sarmitsuba.radar.radar import Radar
     from sarmitsuba.signal.focusing.comparison import Alternative
     from sarmitsuba.signal.focusing.focuser import Focuser
-    from sarmitsuba.signal.raw.raw_data import RawData
+    from sarmitsuba.signal.raw_data import RawData
 
 # every focuser and their comparison; the image of the run is the reference focuser's
 _ALL, COMPARISON = "all", "focusers.png"
@@ -301,7 +301,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 def _run_hash_of(path: Path, raw: "RawData") -> str:
     """Run hash of raw data without one: from the file and the one it names, or from the files in the folder."""
-    from sarmitsuba.signal.raw.raw_data import DATA_FILE
+    from sarmitsuba.signal.raw_data import DATA_FILE
 
     files = sorted(path.iterdir()) if os.path.isdir(path) else [path]
     if DATA_FILE in raw.metadata:
@@ -315,7 +315,7 @@ def _run_hash_of(path: Path, raw: "RawData") -> str:
 
 def check_focusing(radar: "Radar", request: "ImageRequest", args: argparse.Namespace) -> None:
     """Raise a SarmitsubaError where the requested image cannot be focused, before its data are made or read."""
-    from sarmitsuba.analysis.labels.geometric_layers import check_labelled
+    from sarmitsuba.analysis.geometric_labels import check_labelled
     from sarmitsuba.commands import results
     from sarmitsuba.signal.focusing import default_grid
     from sarmitsuba.signal.focusing.focuser import parse_focuser
@@ -381,10 +381,10 @@ def focus_into(
         return _compare(folder, raw, args, console, watch, record, style, request)
     focuser: str | Focuser = args.focuser
     if workers is not None:
-        from sarmitsuba.apps.cluster import shared
+        from sarmitsuba.apps.cluster import distribute_focuser
         from sarmitsuba.signal.focusing.focuser import parse_focuser
 
-        focuser = shared(parse_focuser(args.focuser), workers)
+        focuser = distribute_focuser(parse_focuser(args.focuser), workers)
     with watch.stage("focus"):
         image = focus(
             raw,

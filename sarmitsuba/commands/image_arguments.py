@@ -59,7 +59,7 @@ def class_argument(args: argparse.Namespace, scene: "Scene") -> dict[str, str] |
     """
     if args.classes is None:
         return None
-    from sarmitsuba.analysis.labels.classes import checked_classes, read_classes
+    from sarmitsuba.analysis.label_classes import checked_classes, read_classes
 
     table = read_classes(args.classes)
     checked_classes(scene, table)

@@ -67,8 +67,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
     scene = scene_of(args)
     days = 0.0 if args.one_pass else DAYS if args.days is None else args.days
     offset = second_pass(scene.radar, relief_of(scene), args.baseline, passes=1 if args.one_pass else 2)
-    render.run(_changed(args, out / "first"), console)
-    second = _changed(args, out / "second", no_focus=True)
+    render.run(_change_output(args, out / "first"), console)
+    second = _change_output(args, out / "second", no_focus=True)
     second.define = [
         *args.define,
         *((f"sar_antenna.{name}", repr(value)) for name, value in offset.parameters.items()),
@@ -91,5 +91,5 @@ def relief_of(scene: "Scene") -> float:
     return float(np.ptp(corners[inside if inside.any() else slice(None), 2]))
 
 
-def _changed(args: argparse.Namespace, output: Path, **changes: object) -> argparse.Namespace:
+def _change_output(args: argparse.Namespace, output: Path, **changes: object) -> argparse.Namespace:
     return argparse.Namespace(**{**vars(args), "output": str(output), **changes})

@@ -91,7 +91,7 @@ def _evaluate(
     from sarmitsuba.analysis.interferometry import height_map, interferogram, unwrapped_phase
     from sarmitsuba.commands.results import draw_into
     from sarmitsuba.files import write_image
-    from sarmitsuba.machine import parameter_file
+    from sarmitsuba.machine import output as parameter_file
     from sarmitsuba.machine.atomic import atomic_path
     from sarmitsuba.machine.output import output_folder
     from sarmitsuba.view.fringes import interferogram_figure
@@ -140,7 +140,7 @@ def _second(given: Path, first: "SarImage", channel: str | None, console: Consol
     from sarmitsuba.core.errors import DataError
     from sarmitsuba.files import read_image, read_raw
     from sarmitsuba.signal.focusing import focus
-    from sarmitsuba.signal.raw.raw_data import Layer
+    from sarmitsuba.signal.raw_data import Layer
 
     found, raw = files_of_run(given) if os.path.isdir(given) else (given, None)
     if found is not None or raw is None:

@@ -62,7 +62,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     )
     from sarmitsuba.commands.results import draw_into
     from sarmitsuba.files import read_image
-    from sarmitsuba.machine import parameter_file
+    from sarmitsuba.machine import output as parameter_file
     from sarmitsuba.machine.output import OutputFolder, output_folder
     from sarmitsuba.view.polarimetric_maps import composite_figure, maps_figure, plane_figure
 

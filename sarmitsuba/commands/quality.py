@@ -72,7 +72,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.commands.results import draw_into
     from sarmitsuba.core.errors import DataError
     from sarmitsuba.files import read_image
-    from sarmitsuba.machine import parameter_file
+    from sarmitsuba.machine import output as parameter_file
     from sarmitsuba.machine.output import OutputFolder, output_folder
     from sarmitsuba.signal.image import ShownAxes
     from sarmitsuba.view.charts import quality_figure

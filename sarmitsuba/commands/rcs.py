@@ -17,7 +17,6 @@ from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of, s
 from sarmitsuba.core.constants import DEFAULT_WINDOW
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.timing import StageTimer
-from sarmitsuba.core.units import db_from_power, power_from_db
 
 if TYPE_CHECKING:
     from sarmitsuba.core.arrays import F64
@@ -109,8 +108,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.machine.output import output_folder
     from sarmitsuba.radar.polarisation import read_channels
     from sarmitsuba.signal.focusing.windows import parse_window
-    from sarmitsuba.simulation.execution.turntable import rcs_sweep
-    from sarmitsuba.simulation.execution.turntable_image import image_refusal
+    from sarmitsuba.simulation.execution.turntable import image_refusal, rcs_sweep
 
     aspects = _aspects(args)
     channels = read_channels(args.pol, "rcs")
@@ -272,6 +270,7 @@ def _write(folder: "OutputFolder", scene: "Scene", sweep: "RcsSweep", console: C
     import numpy as np
 
     from sarmitsuba.commands.results import draw_into
+    from sarmitsuba.core.units import db_from_power, power_from_db
     from sarmitsuba.machine.atomic import atomic_path
     from sarmitsuba.view.polar import AspectCurves, aspect_figure
 
@@ -350,7 +349,7 @@ def _image(
     from sarmitsuba.files import write_image
     from sarmitsuba.simulation.execution.render import render
     from sarmitsuba.simulation.execution.run import Run
-    from sarmitsuba.simulation.execution.turntable_image import turntable_scene
+    from sarmitsuba.simulation.execution.turntable import turntable_scene
     from sarmitsuba.view.display import PictureOptions
     from sarmitsuba.view.quicklook import quicklook
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from sarmitsuba.apps.cluster import DaskWorkers
     from sarmitsuba.machine.output import OutputFolder
     from sarmitsuba.scene.scene import Scene
-    from sarmitsuba.signal.raw.raw_data import RawData
+    from sarmitsuba.signal.raw_data import RawData
     from sarmitsuba.simulation.execution.run import Ready, Run
 
 NAME = "render"
@@ -226,7 +226,7 @@ def _raw_and_image(
     """Make the raw data or reuse saved ones, write and focus them. Return the path of the picture or the raw data."""
     from sarmitsuba.commands import results
     from sarmitsuba.machine.journal import remove_journal
-    from sarmitsuba.signal.raw.chirp import to_chirped
+    from sarmitsuba.signal.chirp import to_chirped
 
     formats = results.Formats.parse(args.format)
     found = None
@@ -265,7 +265,7 @@ def _announcing(
 ) -> "Ready":
     """Print the predicted time and the effects of a run before tracing; ``limit``: time limit of several passes, s."""
     from sarmitsuba.commands import results
-    from sarmitsuba.signal.raw.chirp import n_fast_chirped
+    from sarmitsuba.signal.chirp import n_fast_chirped
 
     console.busy("building the geometry and planning")
 
@@ -274,7 +274,9 @@ def _announcing(
         if args.raw == "chirped" and needs.raw_bytes:
             needs = needs.recorded(radar.window.n_samples, n_fast_chirped(radar))
         formats, channels = results.Formats.parse(args.format), run.scene.radar.channels
-        needs = results.with_files(needs, formats, channels, image=not args.no_focus, chart=not args.no_chart)
+        needs = results.add_file_needs(
+            needs, formats, channels, image=not args.no_focus, chart=not args.no_chart
+        )
         if args.labels:
             needs = needs.labelled(run.label_needs())
         needs = dataclasses.replace(needs, spent=(watch.total, time.process_time()))

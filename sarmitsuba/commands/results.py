@@ -21,12 +21,12 @@ from sarmitsuba.core.errors import DataError, SarmitsubaError
 from sarmitsuba.core.parameters import one_line
 from sarmitsuba.core.timing import StageTimer
 from sarmitsuba.files import FORMATS, FileFormat, read_raw, write_image, write_raw
-from sarmitsuba.machine import parameter_file
+from sarmitsuba.machine import output as parameter_file
 from sarmitsuba.machine.output import OutputFolder
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.image import SarImage
-from sarmitsuba.signal.raw.raw_data import RawData
-from sarmitsuba.simulation.execution.refinement.error_bars import with_error_bars
+from sarmitsuba.signal.raw_data import RawData
+from sarmitsuba.simulation.execution.error_bars import add_error_bars
 from sarmitsuba.view.display import LARGEST, SMALLEST, PictureOptions, magnification
 
 if TYPE_CHECKING:
@@ -128,8 +128,8 @@ def least_bytes(scene: "Scene", formats: Formats, *, raw: bool, image: bool, chi
 
     Raw data count twice, for their finished blocks; ``chirped`` ones are longer by the pulse.
     """
+    from sarmitsuba.signal.chirp import n_fast_chirped
     from sarmitsuba.signal.focusing import default_grid
-    from sarmitsuba.signal.raw.chirp import n_fast_chirped
 
     subsets = scene.settings.keep_subsets and scene.traced
     planes = len(scene.radar.channels) * (3 if subsets else 1)
@@ -177,13 +177,13 @@ def saved_raw(
     return None
 
 
-def _stated(bar: Mapping[str, float]) -> str:
+def _format_error_bar(bar: Mapping[str, float]) -> str:
     """Text of an error bar."""
     bound = f", at most {bar['at_most_db']:.1f} dB" if "at_most_db" in bar else ""
     return f"{bar['error_db']:.1f} dB +- {bar['confidence_db']:.1f} dB{bound}"
 
 
-def with_files(
+def add_file_needs(
     needs: "Needs", formats: Formats, channels: Sequence[str], *, image: bool, chart: bool = True
 ) -> "Needs":
     """Predicted needs of a run including the writing of files and pictures (stage ``files``).
@@ -235,11 +235,11 @@ def store_image(
     others : gives focusers in place of the one used; called only where focusing takes long
     """
     with watch.stage("error bars"):
-        image = with_error_bars(image)
+        image = add_error_bars(image)
     errors = image.metadata.get("sampling_error", {})
     if errors:
         record["sampling_error"] = errors
-        text = ", ".join(f"{channel} {_stated(bar)}" for channel, bar in errors.items())
+        text = ", ".join(f"{channel} {_format_error_bar(bar)}" for channel, bar in errors.items())
         source = next(iter(errors.values()))["source"]
         console.say(f"sampling error of the image, measured here: {text} ({source})")
     found = _account(image, watch, others)

@@ -35,9 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Serve until Ctrl-C."""
+    from sarmitsuba.machine.atomic import removed_if_stopped
     from sarmitsuba.machine.backend import ensure_backend
     from sarmitsuba.machine.output import output_folder
-    from sarmitsuba.machine.unfinished import removed_if_stopped
 
     if not 1 <= args.port <= 65535:
         raise SarmitsubaError(f"studio: --port {args.port} is not from 1 to 65535")

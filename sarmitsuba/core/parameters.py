@@ -312,7 +312,7 @@ class ParamTable:
         return "\n".join(rows)
 
 
-def described(
+def declare_field(
     default: T,
     doc: str,
     unit: str = "",
@@ -341,7 +341,7 @@ def params_of(description: type) -> tuple[Param, ...]:
     )
 
 
-def filled(description: D, values: Mapping[str, object]) -> D:
+def fill_description(description: D, values: Mapping[str, object]) -> D:
     """Copy of a dataclass with validated values for its fields."""
     return replace(description, **values)
 

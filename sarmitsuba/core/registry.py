@@ -37,7 +37,7 @@ def late(module: str, name: str) -> Callable[..., object]:
 
 
 @functools.cache
-def _installed() -> tuple[str, ...]:
+def _list_installed() -> tuple[str, ...]:
     """Modules of installed extensions; looking through all packages takes longer than importing a registry."""
     return tuple(point.value for point in importlib.metadata.entry_points(group=ENTRY_POINTS))
 
@@ -92,12 +92,12 @@ class Calling(_ForeignCode):
         if is_built_in(self.entry):
             return None
         module = sys.modules.get(type(self.entry).__module__)
-        said = _said(error, trace, getattr(module, "__file__", None) or "")
+        said = _describe_error(error, trace, getattr(module, "__file__", None) or "")
         name = getattr(self.entry, "name", type(self.entry).__name__)
         return f"{self.kind} {name!r}: {self.method}: {said}"
 
 
-def _said(error: BaseException, trace: TracebackType | None, file: str) -> str:
+def _describe_error(error: BaseException, trace: TracebackType | None, file: str) -> str:
     """Type and text of an error, with the last line of a file that it passed through."""
     own = os.path.abspath(file)
     lines = [frame.lineno for frame in traceback.extract_tb(trace) if os.path.abspath(frame.filename) == own]
@@ -229,7 +229,7 @@ class Registry(Generic[T]):
             self._in_work = True
             try:
                 found = (name for package in self._packages for name in _modules_in(package))
-                for module_name in (*found, *_installed()):
+                for module_name in (*found, *_list_installed()):
                     importlib.import_module(module_name)
                 self._loaded = True
             finally:
@@ -288,7 +288,7 @@ class _Importing(_ForeignCode):
     def _line(self, error: BaseException, trace: TracebackType | None) -> str:
         """Module and error."""
         expected = isinstance(error, ImportError | SyntaxError)
-        said = str(error) if expected else _said(error, trace, self.module_or_file)
+        said = str(error) if expected else _describe_error(error, trace, self.module_or_file)
         if isinstance(error, ModuleNotFoundError) and error.name == self.module_or_file:
             said += did_you_mean(error.name, (module.name for module in pkgutil.iter_modules()))
         return f"{self.module_or_file}: cannot be imported: {said}"

@@ -1,4 +1,7 @@
-"""Context in which effects are decided: properties of scene and radar, and results of a pilot trace."""
+"""Context in which effects are decided: properties of scene and radar, and results of a pilot trace.
+
+Search for slabs that transmit waves to objects behind them.
+"""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -8,10 +11,62 @@ import numpy as np
 from sarmitsuba.core.arrays import F64, box_corners
 from sarmitsuba.core.units import amplitude_from_db, db_from_power, power_from_db
 from sarmitsuba.effects.shape import ShapeAnalysis
-from sarmitsuba.effects.slabs_between import seen_through
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.materials.material import Material
+from sarmitsuba.scene.materials.slab import lets_through
 from sarmitsuba.scene.scene import Scene
+
+# faces up to this many thicknesses behind one of the same material may be the other face of its slab
+SAME_SLAB = 1.5
+
+
+def seen_through(scene: Scene, antenna: F64) -> tuple[Material, ...]:
+    """Slab materials that transmit and have objects of the scene behind one of their faces.
+
+    Parameters
+    ----------
+    scene : as loaded
+    antenna : (n, 3) positions that bound the aperture, m
+
+    Notes
+    -----
+    An object is behind a face if it lies beyond the plane of the face as seen from the antenna, whether or not rays hit
+    it there.
+    """
+    geometry = scene.geometry
+    if not geometry.n_faces:
+        return ()
+    wavelength = scene.radar.waveform.wavelength
+    used = np.unique(geometry.face_material)
+    slabs = [i for i in used if lets_through(scene.materials[i], wavelength)]
+    if not slabs:
+        return ()
+    hidden = np.array([m.invisible for m in scene.materials])[geometry.face_material]
+    corners = geometry.vertices[np.unique(geometry.faces[~hidden])]
+    others = np.concatenate([corners, scene.places])
+    return tuple(
+        scene.materials[i]
+        for i in slabs
+        if _something_behind(
+            geometry.vertices[geometry.faces[geometry.face_material == i]],
+            others,
+            antenna,
+            SAME_SLAB * scene.materials[i].thickness,
+        )
+    )
+
+
+def _something_behind(faces: F64, points: F64, antenna: F64, slack: float) -> bool:
+    """Whether any point lies farther than ``slack`` (m) beyond the plane of any face (n, 3, 3)."""
+    normal = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
+    length = np.linalg.norm(normal, axis=1)
+    for n, corner in zip(normal[length > 0] / length[length > 0, None], faces[length > 0, 0], strict=True):
+        sides = np.sign((antenna - corner) @ n)
+        height = (points - corner) @ n
+        if any(bool((height * side < -slack).any()) for side in np.unique(sides) if side):
+            return True
+    return False
+
 
 # limit for the return left out in a single resolution cell, relative to the clutter, dB: a hundredth of the power of
 # one look of speckle. Without clutter the tolerance applies, relative to the peak
@@ -277,7 +332,7 @@ class SceneContext:
     def materials(self) -> tuple[Material, ...]:
         """Materials that rays can hit, those of maps included."""
         used = np.unique(self.scene.geometry.face_material)
-        return with_parts([m for m in (self.scene.materials[i] for i in used) if not m.invisible])
+        return list_with_parts([m for m in (self.scene.materials[i] for i in used) if not m.invisible])
 
     @cached_property
     def unlike_materials(self) -> tuple[Material, ...]:
@@ -302,7 +357,7 @@ class SceneContext:
 
     @cached_property
     def seen_through(self) -> tuple[Material, ...]:
-        """Slabs that transmit waves to objects behind them; see :mod:`sarmitsuba.effects.slabs_between`."""
+        """Slabs that transmit waves to objects behind them; see :mod:`sarmitsuba.effects.context`."""
         return seen_through(self.scene, self.antenna)
 
     @cached_property

@@ -17,10 +17,8 @@ from sarmitsuba.core.units import db_from_amplitude
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.effects.omitted_waves import polarisation_vectors
 from sarmitsuba.radar.polarisation import linear_parts
-from sarmitsuba.scene.mesh.connected import connected
-from sarmitsuba.scene.mesh.edge_pairs import edge_pairs
 from sarmitsuba.scene.mesh.sharp_edges import WIDEST_GAP
-from sarmitsuba.scene.mesh.welding import weld
+from sarmitsuba.scene.mesh.topology import edge_pairs, label_connected, weld
 
 # rad, angles between two faces that are taken as a fold, and how near to a right angle rays are right
 SHARPEST, FLATTEST, ABOUT_RIGHT = math.radians(20.0), math.radians(155.0), math.radians(0.25)
@@ -168,7 +166,12 @@ def _parts(corners: F64) -> tuple[I64, I64, I64, F64]:
     a, b = first // 3, second // 3
     level = np.abs(np.einsum("ei,ei->e", unit[a], unit[b])) > 1.0 - 0.5 * _PLANE**2
     n = len(corners)
-    return connected(n, a[level], b[level]), connected(n, a, b), np.concatenate([first, second]), normal
+    return (
+        label_connected(n, a[level], b[level]),
+        label_connected(n, a, b),
+        np.concatenate([first, second]),
+        normal,
+    )
 
 
 def _flat_facets(corners: F64, wavelength: float) -> list[_Facet]:
@@ -192,10 +195,10 @@ def _flat_facets(corners: F64, wavelength: float) -> list[_Facet]:
         closed = not is_open[body[rows[0]]]
         up = unit[rows[0]] * (np.sign(volume[body[rows[0]]]) if closed else 1.0)
         found.append(_Facet(np.unique(corners[rows].reshape(-1, 3), axis=0), up, float(area[k]), closed))
-    return _joined(found, grid)
+    return _join_facets(found, grid)
 
 
-def _joined(facets: list[_Facet], gap: float) -> list[_Facet]:
+def _join_facets(facets: list[_Facet], gap: float) -> list[_Facet]:
     """Facets, of which those in one plane whose bounding boxes touch are one: sides cut at different places."""
     if len(facets) < 2:
         return facets
@@ -206,7 +209,7 @@ def _joined(facets: list[_Facet], gap: float) -> list[_Facet]:
     same &= same.T & (np.abs(normal @ normal.T) > 1.0 - 0.5 * _PLANE**2)
     same &= (low[:, None] <= high + gap).all(axis=2) & (low <= high[:, None] + gap).all(axis=2)
     i, j = np.nonzero(np.tril(same, -1))
-    part = connected(len(facets), i, j)
+    part = label_connected(len(facets), i, j)
     found = []
     for k in range(int(part.max()) + 1):
         group = [facets[m] for m in np.flatnonzero(part == k)]
@@ -415,7 +418,7 @@ def section_by_rays(
     turn = np.array([-0.5 * angle, 0.5 * angle])
     arms = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     normals = np.stack([-arms[:, 1], arms[:, 0]], axis=1) * [[1.0], [-1.0]]  # towards the other face
-    lit = [_unshadowed(arms[i], arms[1 - i], width[i], width[1 - i], to) for i in (0, 1)]
+    lit = [_find_unshadowed(arms[i], arms[1 - i], width[i], width[1 - i], to) for i in (0, 1)]
     total = np.zeros((2, azimuth.size), dtype=np.complex128)
     for first in (0, 1):
         low, high = lit[first].copy(), np.full(azimuth.size, width[first])
@@ -455,7 +458,7 @@ def section_by_rays(
     return total
 
 
-def _unshadowed(arm: F64, other: F64, width: float, reach: float, to: F64) -> F64:
+def _find_unshadowed(arm: F64, other: F64, width: float, reach: float, to: F64) -> F64:
     """Distance (m,) from the fold from which on a face is seen past the other one."""
     top, bottom = other[0] * to[1] - other[1] * to[0], arm[0] * to[1] - arm[1] * to[0]
     ratio = top / np.where(np.abs(bottom) < 1e-12, 1e-12, bottom)
@@ -485,7 +488,7 @@ def _rims(arms: F64, normals: F64, width: F64, to: F64, lit: list[F64], k: float
         place = width[i] * arms[i]
         cosine = -(arms[i] @ to)
         soft, hard = _fringe(2.0, np.arctan2(np.abs(normals[i] @ to), cosine))
-        along = _along_sheet(cosine, k * float(width[i])) if sheets else 1.0
+        along = _evaluate_sheet_factor(cosine, k * float(width[i])) if sheets else 1.0
         seen = lit[i] < width[i] * (1.0 - 1e-9)
         wave = np.where(seen, 1j / math.sqrt(k) * np.exp(2j * k * (place @ to)), 0.0)
         total += np.stack([soft * wave, -hard * along * wave])
@@ -526,7 +529,7 @@ def _fringe(n: float, phi: F64) -> tuple[F64, F64]:
     return soft, hard
 
 
-def _along_sheet(cosine: F64, width: float) -> C128:
+def _evaluate_sheet_factor(cosine: F64, width: float) -> C128:
     """Factor Q (m,) of :class:`.edges.diffraction.FringeCurrents` in backscatter off the rim of a sheet.
 
     ``cosine`` of the angle between direction and sheet, ``width`` of the sheet times the wavenumber.
@@ -586,11 +589,11 @@ class FoldGrid:
             angle, width, sheets = folds.angle[self.row], folds.width[self.row], not folds.closed[self.row]
             found = waves_left_out(float(angle), width, across, place, sheets=sheets)
             values[i] = math.sqrt(2.0 / across) * found.T
-        values[:, ~within_fold(folds.of(np.array([self.row])), place[:, None])[:, 0]] = 0.0
+        values[:, ~lies_within_fold(folds.of(np.array([self.row])), place[:, None])[:, 0]] = 0.0
         return values
 
 
-def within_fold(folds: Folds, azimuth: F64) -> NDArray[np.bool_]:
+def lies_within_fold(folds: Folds, azimuth: F64) -> NDArray[np.bool_]:
     """Whether an inner side of a face is seen from angles (m, n) across each fold; of bodies both."""
     angle = folds.angle
     return np.asarray(np.abs(azimuth) < np.where(folds.closed, 0.5 * angle, np.pi - 0.5 * angle))
@@ -604,7 +607,7 @@ def fold_grids(folds: Folds, wavelength: float, directions: F64) -> list[FoldGri
     """
     wanted = folds.plain & ~folds.square & (folds.width.sum(axis=1) <= WIDEST * wavelength)
     azimuth, lean = folds.looks(directions)
-    seen = within_fold(folds, azimuth)
+    seen = lies_within_fold(folds, azimuth)
     found: list[FoldGrid] = []
     left, k = MOST_OPERATIONS, 2.0 * np.pi / wavelength
     for row in np.flatnonzero(wanted)[np.argsort(-folds.length[wanted], kind="stable")]:
@@ -708,7 +711,7 @@ def fold_error(
     """
     energy = np.zeros((len(directions), len(channels)))
     azimuth, lean = folds.looks(directions)
-    seen = within_fold(folds, azimuth)
+    seen = lies_within_fold(folds, azimuth)
     shown = np.flatnonzero(seen.sum(axis=0))
     order = shown[np.argsort(-folds.length[shown], kind="stable")]
     if not order.size:
@@ -740,7 +743,7 @@ def fold_error(
                     spread[alike] = _spread_waves(folds, alike, wavelength, edges=edges)
                 amplitude[:, left] = spread[alike].at(azimuth[left, row], float(folds.width[row].sum()))
         size = np.minimum(folds.length[row], 1.0 / np.maximum(k * np.abs(lean[:, row]), 1e-12))
-        returned = [_in_channel(amplitude, directions, folds.along[row], c) for c in channels]
+        returned = [_project_channel(amplitude, directions, folds.along[row], c) for c in channels]
         part = 2.0 / wavelength * np.square(size * np.abs(returned)).T
         energy += part
         if part.sum() > most:
@@ -803,7 +806,7 @@ def _spread_waves(folds: Folds, row: int, wavelength: float, *, edges: bool) -> 
     return _SpreadWaves(np.mean(turned, axis=0), float(width.sum()), angle)
 
 
-def _in_channel(amplitude: C128, directions: F64, along: F64, channel: str) -> C128:
+def _project_channel(amplitude: C128, directions: F64, along: F64, channel: str) -> C128:
     """Amplitude (m,) of a channel from those with the field along a line and across it (2, m)."""
     vectors = dict(zip("HV", polarisation_vectors(directions), strict=True))
     lean = directions @ along

@@ -8,13 +8,10 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.core.arrays import F64, I64, unit_rows
-from sarmitsuba.scene.mesh.connected import connected
-from sarmitsuba.scene.mesh.curvature import facet_curvature
-from sarmitsuba.scene.mesh.edge_pairs import edge_pairs
 from sarmitsuba.scene.mesh.pieces import SMOOTH_BEND, piece_of
-from sarmitsuba.scene.mesh.sharp_edges import WIDEST_GAP, SharpEdges, sharp_edges
-from sarmitsuba.scene.mesh.thin_rims import ONE_EDGE
-from sarmitsuba.scene.mesh.welding import weld
+from sarmitsuba.scene.mesh.sharp_edges import ONE_EDGE, WIDEST_GAP, SharpEdges, sharp_edges
+from sarmitsuba.scene.mesh.smooth_surface import facet_curvature
+from sarmitsuba.scene.mesh.topology import edge_pairs, label_connected, weld
 
 # lines that are evaluated at most: of more, curved ones are thinned out
 MOST_LINES = 3000
@@ -163,8 +160,8 @@ def metal_lines(corners: F64, reflection: F64, wavelength: float) -> MetalLines:
     piece = piece_of(corners, vertex, pairs)
     edges = sharp_edges(corners, np.ones(len(corners), dtype=bool), WIDEST_GAP * wavelength)
     parts = (
-        _of_edges(edges, corners, piece, reflection, _onward(corners, vertex, piece, pairs)),
-        _of_curvature(corners, vertex, piece, reflection, wavelength),
+        _collect_edges(edges, corners, piece, reflection, _onward(corners, vertex, piece, pairs)),
+        _round_edges(corners, vertex, piece, reflection, wavelength),
     )
     return MetalLines(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(MetalLines)))
 
@@ -183,7 +180,7 @@ def _onward(corners: F64, vertex: I64, piece: I64, pairs: tuple[I64, I64]) -> F6
     return share
 
 
-def _of_edges(edges: SharpEdges, corners: F64, piece: I64, reflection: F64, onward: F64) -> MetalLines:
+def _collect_edges(edges: SharpEdges, corners: F64, piece: I64, reflection: F64, onward: F64) -> MetalLines:
     """Sharp edges, their collinear pieces joined; ``onward``: of :func:`_onward`."""
     if not edges.n:
         return _none()
@@ -199,9 +196,9 @@ def _of_edges(edges: SharpEdges, corners: F64, piece: I64, reflection: F64, onwa
     two = first[np.diff(first, append=node.size) == 2]
     a, b = order[two] % edges.n, order[two + 1] % edges.n
     on = np.abs(np.einsum("ei,ei->e", along[a], along[b])) > np.cos(SMOOTH_BEND)
-    chain = connected(edges.n, a[on], b[on])
+    chain = label_connected(edges.n, a[on], b[on])
     straight = np.abs(np.einsum("ei,ei->e", along[a], along[b])) > 1.0 - 1e-6
-    line = connected(edges.n, a[straight], b[straight])
+    line = label_connected(edges.n, a[straight], b[straight])
     whole = np.asarray(np.bincount(line, edges.length), dtype=np.float64)
     _, pick = np.unique(line, return_index=True)
     coherent = np.asarray(np.bincount(chain, edges.length)[chain][pick], dtype=np.float64)
@@ -301,7 +298,7 @@ def _outermost(corners: F64, piece: I64) -> I64:
     return np.concatenate(kept)
 
 
-def _of_curvature(corners: F64, vertex: I64, piece: I64, reflection: F64, wavelength: float) -> MetalLines:
+def _round_edges(corners: F64, vertex: I64, piece: I64, reflection: F64, wavelength: float) -> MetalLines:
     """Curved surface as rounded edges: each triangle turns by a share of half a turn over its area."""
     shape = facet_curvature(corners, piece, wavelength, vertex)
     if shape is None:
@@ -390,7 +387,7 @@ def omitted_energy(
         shown = np.where(lit, 1.0, law.dark)
         straight = np.stack([soft_share(s, c, lines.along, lean) for c in channels], axis=2)
         # a field across a sheet drives no current in it
-        driven = np.stack([_in_sheet(s, c, lines.sheet) for c in channels], axis=2)
+        driven = np.stack([_weigh_by_sheet(s, c, lines.sheet) for c in channels], axis=2)
         # curved edges and ends turn the polarisation
         mixed = (1.0 - law.mixed) * straight + law.mixed * straight.mean(axis=2, keepdims=True)
         for name, (hard_d, soft_d, hard_tip, soft_tip) in weights.items():
@@ -453,7 +450,7 @@ def _weights(lines: MetalLines, k: float, waves: SimulatedWaves) -> dict[str, tu
     return found
 
 
-def _in_sheet(directions: F64, channel: str, sheet: F64) -> F64:
+def _weigh_by_sheet(directions: F64, channel: str, sheet: F64) -> F64:
     """(n_directions, n) factor of a channel's energy: from 0 where the field is across the sheet of a rim, to 1."""
     vectors = dict(zip("HV", polarisation_vectors(directions), strict=True))
     shares = []

@@ -8,7 +8,7 @@ from typing import TypedDict
 import numpy as np
 
 from sarmitsuba.core.errors import ExtensionError, SarmitsubaWarning, SceneError
-from sarmitsuba.core.parameters import did_you_mean, filled
+from sarmitsuba.core.parameters import did_you_mean, fill_description
 from sarmitsuba.core.registry import Calling, checked_type
 from sarmitsuba.effects.catalog.max_depth import DEEPEST, DEFAULT_DEPTH
 from sarmitsuba.effects.catalog.wideband import LEAST_SUB_BANDS
@@ -227,7 +227,7 @@ def plan_effects(
         decision = _decide(effect.name, wanted.get(effect.name, "auto"), assessment)
         decided[effect.name] = decision
         with Calling("effect", effect, "flags"):
-            chosen.update(_declared(effect, effect.flags(decision.on, context, decided)))
+            chosen.update(_find_declared(effect, effect.flags(decision.on, context, decided)))
         if decision.on and assessment.note:
             notes.append(assessment.note)
         loses = decision.source == "user" and decision.on != assessment.on and not decision.on
@@ -257,7 +257,7 @@ def plan_effects(
     )
 
 
-def without_switch(scene: Scene, name: str) -> Scene:
+def remove_switch(scene: Scene, name: str) -> Scene:
     """Scene whose file leaves the switch of an effect automatic."""
     kept = {effect: switch for effect, switch in scene.settings.effects.items() if effect != name}
     return replace(scene, settings=replace(scene.settings, effects=kept))
@@ -282,7 +282,7 @@ def _check_switches(scene: Scene) -> None:
             )
 
 
-def _declared(effect: Effect, values: Mapping[str, FlagValue]) -> Mapping[str, FlagValue]:
+def _find_declared(effect: Effect, values: Mapping[str, FlagValue]) -> Mapping[str, FlagValue]:
     """Kernel flags of an effect, if it has declared them all."""
     for name in values:
         if name not in effect.kernel_flags:
@@ -297,7 +297,7 @@ def _kernel_flags(chosen: Mapping[str, FlagValue]) -> KernelFlags:
     known = {f.name for f in fields(KernelFlags)}
     extra = frozenset(name for name, value in chosen.items() if name not in known and value)
     fitting = {name: value for name, value in chosen.items() if name in known}
-    return filled(KernelFlags(extra=extra), fitting)
+    return fill_description(KernelFlags(extra=extra), fitting)
 
 
 def _decide(name: str, switch: str, assessment: Assessment) -> Decision:

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64, I32, I64
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.scene.mesh.closed import enclosed_volume, is_closed
-from sarmitsuba.scene.mesh.connected import connected
-from sarmitsuba.scene.mesh.convexity import SLACK, face_edges, is_convex_body, joined, one_sided
+from sarmitsuba.scene.mesh.convexity import SLACK, face_edges, is_convex_body, merge_vertices, one_sided
+from sarmitsuba.scene.mesh.facet_edges import enclosed_volume, is_closed
+from sarmitsuba.scene.mesh.topology import label_connected
 
 # products of planes and vertices that a proof may cost; 5e7 take about 0.2 s
 _MAX_PRODUCTS = 50_000_000
@@ -295,7 +295,7 @@ class ShapeAnalysis:
     @cached_property
     def _welded(self) -> I64:
         """Vertex numbers (n_faces, 3) after merging coincident vertices."""
-        return joined(self.vertices, self.faces, self.slack)
+        return merge_vertices(self.vertices, self.faces, self.slack)
 
     @cached_property
     def _edges(self) -> tuple[I64, F64]:
@@ -320,7 +320,7 @@ class ShapeAnalysis:
         n = int(f.max()) + 1
         rows = np.concatenate([f[:, 0], f[:, 1]])
         columns = np.concatenate([f[:, 1], f[:, 2]])
-        _, number = np.unique(connected(n, rows, columns)[f[:, 0]], return_inverse=True)
+        _, number = np.unique(label_connected(n, rows, columns)[f[:, 0]], return_inverse=True)
         return np.asarray(number.reshape(-1), dtype=np.int32)
 
     @property

@@ -34,10 +34,10 @@ from sarmitsuba.effects.omitted_waves import (
 from sarmitsuba.effects.waves_between import MetalFaces, gaps, metal_faces, waves_between
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.materials.fresnel import fresnel
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.mesh.double_faces import double_faces
-from sarmitsuba.scene.mesh.thin_rims import ONE_EDGE
+from sarmitsuba.scene.mesh.sharp_edges import ONE_EDGE
 from sarmitsuba.scene.visible_faces import VisibleFaces
 
 # dB below the peak down to which the error is stated
@@ -91,7 +91,7 @@ def reflection_of(material: Material, wavelength: float) -> float:
     """Modulus of the amplitude that a surface reflects at normal incidence."""
     if material.metallic:
         return 1.0
-    (part,) = with_parts([material])[:1]
+    (part,) = list_with_parts([material])[:1]
     gamma = complex(fresnel(1.0, part.permittivity)[0])
     if part.thickness > 0.0:
         phase = np.exp(-4j * np.pi * np.sqrt(complex(part.permittivity)) * part.thickness / wavelength)
@@ -143,10 +143,10 @@ class TheoryError:
             return f"theory not known ({self.unknown})"
         named = [c for c in self.causes if c.rms_db**2 > _NAMED * sum(x.rms_db**2 for x in self.causes)]
         why = f" ({'; '.join(c.text for c in named)})" if named else ""
-        return f"theory {stated(self.worst_db)}{why}"
+        return f"theory {state_error(self.worst_db)}{why}"
 
 
-def stated(error_db: float) -> str:
+def state_error(error_db: float) -> str:
     """Text of an expected error, dB: ``about 0.4 dB``, ``not better than 8 dB``."""
     if not math.isfinite(error_db):
         return "not known"
@@ -290,13 +290,13 @@ def waves_left(
     grids = fold_grids(folds, wavelength, directions) if waves.folds else []
     folded = fold_error(folds, grids, directions[some], channels, wavelength, edges=waves.edges)
     between = waves_between(lines, faces, directions[some], channels, wavelength)
-    energy = omitted_energy(beside_folds(lines, folds), directions[some], channels, wavelength, waves)
+    energy = omitted_energy(remove_folds(lines, folds), directions[some], channels, wavelength, waves)
     energy |= {BODIES: between.energy, FOLDED: folded.energy}
     extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     return WavesLeft(energy, lines, faces, folds, between.gap, folded.row, extent, folded.witness)
 
 
-def beside_folds(lines: MetalLines, folds: Folds) -> MetalLines:
+def remove_folds(lines: MetalLines, folds: Folds) -> MetalLines:
     """Lines without the waves that a fold's section has: those across its faces, of edges parallel to it."""
     chosen = folds.of(folds.plain & ~folds.square)
     width, onward = lines.width.copy(), lines.onward.copy()

@@ -9,11 +9,9 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64, I64, unit_rows
 from sarmitsuba.effects.omitted_waves import PLANE, MetalLines, coherent_square, soft_share
-from sarmitsuba.scene.mesh.connected import connected
-from sarmitsuba.scene.mesh.edge_pairs import edge_pairs
 from sarmitsuba.scene.mesh.pieces import SMOOTH_BEND
 from sarmitsuba.scene.mesh.sharp_edges import WIDEST_GAP
-from sarmitsuba.scene.mesh.welding import weld
+from sarmitsuba.scene.mesh.topology import edge_pairs, label_connected, weld
 
 # points on lines, faces examined with all of them (the largest flat ones, and as many curved ones), other flat faces
 # that are examined with the points nearest to them, and products of directions with pairs of both at most
@@ -108,7 +106,7 @@ def metal_faces(corners: F64) -> MetalFaces:
     bend = np.abs(np.einsum("ei,ei->e", normal[a], normal[b]))
     level = bend > 1.0 - 0.5 * PLANE**2
     n = len(corners)
-    part, body = connected(n, a[level], b[level]), connected(n, a, b)
+    part, body = label_connected(n, a[level], b[level]), label_connected(n, a, b)
     outward = _outward(corners, normal * twice[:, None], body, np.concatenate([first, second]))
     smooth = ~level & (bend > np.cos(SMOOTH_BEND))
     curved = np.zeros(n, dtype=bool)
@@ -221,7 +219,7 @@ def waves_between(
     ways = []
     pairs = _pairs(place, own, faces, body, near, wavelength, MOST_PRODUCTS // len(directions))
     for found, way in (
-        _mirrored(lines, row, weight, faces, pairs, directions, channels, wavelength),
+        _mirror_lines(lines, row, weight, faces, pairs, directions, channels, wavelength),
         _edges(lines, row, own, weight, directions, channels, wavelength),
     ):
         energy += found
@@ -267,7 +265,7 @@ def _bodies(place: F64, faces: MetalFaces, near: tuple[I64, I64], touching: floa
     nearest = distance.reshape(len(place), -1).argmin(axis=1)
     own = faces.body[f.reshape(len(place), -1)[np.arange(len(place)), nearest]]
     close = distance < touching
-    joined = connected(int(faces.body.max()) + 1, own[p[close]], faces.body[f[close]])
+    joined = label_connected(int(faces.body.max()) + 1, own[p[close]], faces.body[f[close]])
     return joined[own], joined[faces.body]
 
 
@@ -300,7 +298,7 @@ def _pairs(
     return _PointsOverFaces(p, f, np.abs(height), beside, np.sign(height)[:, None] * faces.axes[f, 2])
 
 
-def _mirrored(
+def _mirror_lines(
     lines: MetalLines,
     row: I64,
     weight: F64,

@@ -12,7 +12,7 @@ from sarmitsuba.core.registry import Registry
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.validity import check_radar, check_request
 from sarmitsuba.signal.image import SarImage, check_image
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 Content = Literal["raw", "image"]
 

@@ -1,12 +1,40 @@
-"""Images and raw data as arrays with named dimensions, units and coordinates, for xarray."""
+"""Images and raw data as arrays with named dimensions, units and coordinates, for xarray.
+
+Optional packages of the extra ``formats``, imported when needed.
+"""
+
+import importlib
+from types import ModuleType
 
 import numpy as np
 
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
-from sarmitsuba.files.extras import formats_package
+from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.utc import utc_text
 from sarmitsuba.signal.image import SarImage
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
+
+
+def formats_package(module: str, what: str) -> ModuleType:
+    """Import a module of an optional package.
+
+    Parameters
+    ----------
+    module : dotted name
+    what : start of the error message
+
+    Raises
+    ------
+    DataError
+        The package is missing.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        package = module.partition(".")[0]
+        raise DataError(
+            f"{what} the package {package} ({error}); pip install 'sarmitsuba[formats]'"
+        ) from error
 
 
 def labelled_image(image: SarImage) -> object:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.files import groups
+from sarmitsuba.files import hdf5_file as groups
 from sarmitsuba.files.hdf5_file import read_grid, read_hdf5, write_grid, write_hdf5
 from sarmitsuba.machine.regular_files import check_unpacked
 from sarmitsuba.signal.image import ImageGrid

@@ -1,8 +1,14 @@
-"""Conversion of external phase histories (samples over frequency and pulse) into raw data without resampling error."""
+"""Conversion of external phase histories (samples over frequency and pulse) into raw data without resampling error.
+
+Variables of a MATLAB file (version 7 or older), from anybody.
+"""
 
 import warnings
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy
@@ -11,6 +17,7 @@ from numpy.typing import NDArray
 from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import DataError, SarmitsubaWarning
+from sarmitsuba.core.parameters import one_line
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.mode import MODES, AimGeometry
@@ -20,7 +27,7 @@ from sarmitsuba.radar.utc import DEFAULT_EPOCH
 from sarmitsuba.radar.validity import FARTHEST
 from sarmitsuba.radar.waveform import Waveform
 from sarmitsuba.signal.image import UNCALIBRATED
-from sarmitsuba.signal.raw.raw_data import AutofocusRecords, Layer, RawData
+from sarmitsuba.signal.raw_data import AutofocusRecords, Layer, RawData
 
 # samples per range cell of the profiles: a gap between the band and its repetition, for interpolation
 _OVERSAMPLING = 1.25
@@ -122,7 +129,7 @@ class PhaseHistory:
             )
 
 
-def joined(parts: Sequence[PhaseHistory]) -> PhaseHistory:
+def join_parts(parts: Sequence[PhaseHistory]) -> PhaseHistory:
     """Concatenate phase histories along the track.
 
     Raises
@@ -375,3 +382,36 @@ def _profiles(history: PhaseHistory, radar: Radar) -> C64:
         turn = level[pick] * np.exp(-1j * wave * center * reference[pick])
         data[pick] = line * turn[:, None]
     return data
+
+
+def load_mat(path: Path, names: Sequence[str] | None = None) -> dict[str, Any]:
+    """Variables of these names, or all.
+
+    Raises
+    ------
+    DataError
+        The file has another version or is damaged.
+    """
+    try:
+        found: dict[str, Any] = scipy.io.loadmat(path, variable_names=names)
+    except NotImplementedError as error:
+        raise DataError(f"{path}: has MATLAB version 7.3; save it in MATLAB with -v7") from error
+    except (
+        ArithmeticError,
+        AssertionError,
+        AttributeError,
+        LookupError,
+        MemoryError,
+        NameError,
+        OSError,
+        RuntimeError,
+        TypeError,
+        ValueError,
+        zlib.error,
+        scipy.io.matlab.MatReadError,
+    ) as error:  # exceptions of loadmat for damaged files
+        reason = one_line(error, 300)
+        raise DataError(
+            f"{path}: cannot be read as a MATLAB file, it may be damaged: {reason or type(error).__name__}"
+        ) from error
+    return found

@@ -32,7 +32,7 @@ from sarmitsuba.files.nga import (
 from sarmitsuba.radar.collection import Collection, Flight, Signal
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.signal.image import UNCALIBRATED, ImageGrid, SarImage
-from sarmitsuba.signal.raw.raw_data import Layer
+from sarmitsuba.signal.raw_data import Layer
 from sarmitsuba.version import __version__
 
 if TYPE_CHECKING:

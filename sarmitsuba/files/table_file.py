@@ -7,7 +7,7 @@ from types import ModuleType
 
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.parameters import one_line
-from sarmitsuba.machine.encoding import json_value, within_64_bits
+from sarmitsuba.machine.encoding import bound_to_64_bits, json_value
 from sarmitsuba.machine.regular_files import read_text
 
 
@@ -34,7 +34,7 @@ def read_table(path: Path, what: str, most: int) -> Mapping[str, object]:
         raise DataError(f"{path}: cannot read the {noun}: {error.strerror}") from error
     try:
         if path.suffix.lower() == ".toml":
-            content = _bounded(_toml_reader(path).loads(text))
+            content = _bound_number(_toml_reader(path).loads(text))
         else:
             content = json_value(text)
     except (ValueError, RecursionError) as error:  # tomllib's and json's
@@ -44,13 +44,13 @@ def read_table(path: Path, what: str, most: int) -> Mapping[str, object]:
     return content
 
 
-def _bounded(value: object) -> object:
+def _bound_number(value: object) -> object:
     """Value of TOML with whole numbers as those of JSON are read."""
     if isinstance(value, dict):
-        return {name: _bounded(one) for name, one in value.items()}
+        return {name: _bound_number(one) for name, one in value.items()}
     if isinstance(value, list):
-        return [_bounded(one) for one in value]
-    return within_64_bits(value) if type(value) is int else value
+        return [_bound_number(one) for one in value]
+    return bound_to_64_bits(value) if type(value) is int else value
 
 
 def _toml_reader(path: Path) -> ModuleType:

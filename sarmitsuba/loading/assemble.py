@@ -20,7 +20,7 @@ from sarmitsuba.radar.image_request import Extent, ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.materials.diffuse import diffuse_tables
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.mesh.cleaning import JoinedMeshes, clean_meshes
 from sarmitsuba.scene.mesh.convexity import is_convex_body
@@ -131,7 +131,10 @@ def assemble(
         _check_size(f'{label}: point_scatterer "{point.name}"', point.position)
     for target in scatterers:
         _check_size(f'{label}: {target.kind} "{target.name}"', target.places)
-    places = joined_rows([*(p.position[None] for p in points), *(t.places for t in scatterers)], (0, 3))
+    places = joined_rows(
+        [*(np.asarray(p.position, dtype=np.float64)[None] for p in points), *(t.places for t in scatterers)],
+        (0, 3),
+    )
     if geometry.n_faces or len(places):
         offset = _offset(geometry, places)
     else:
@@ -147,7 +150,7 @@ def assemble(
     moved = tuple(replace(p, position=p.position - offset) for p in points)
     if offset.any():
         materials = [m if m.maps is None else replace(m, maps=m.maps.moved(offset)) for m in materials]
-    used = list(dict.fromkeys(with_parts([materials[s.material] for s in surfaces])))
+    used = list(dict.fromkeys(list_with_parts([materials[s.material] for s in surfaces])))
     built, image, radar_notes = seen_by(label, geometry, places - offset, used, radar, offset)
     return Scene(
         name=printable(name),
@@ -221,7 +224,7 @@ NO_CLUTTER = "no material has a diffuse law: the image is black"
 
 def _black(label: str, surfaces: Sequence[MeshSurface], materials: Sequence[Material]) -> list[str]:
     """Warn that a scene without any diffuse return gives a black image except for mirror reflections."""
-    seen = with_parts([m for m in (materials[s.material] for s in surfaces) if not m.invisible])
+    seen = list_with_parts([m for m in (materials[s.material] for s in surfaces) if not m.invisible])
     if not seen or any(material.diffuse_law != "none" for material in seen):
         return []
     return [

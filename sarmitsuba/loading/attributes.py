@@ -39,21 +39,24 @@ def corner_values(element: Element, path: Path | None, faces: I32, names: Sequen
     if element.plugin == "rectangle" and set(names) <= {"uv"}:
         at_vertices: dict[str, NDArray[np.generic]] = {"uv": _RECTANGLE}
     elif element.plugin == "ply" and path is not None:
-        at_vertices = _of_ply(path, faces, names, where)
+        at_vertices = _read_ply_attributes(path, faces, names, where)
     elif element.plugin == "obj" and path is not None and set(names) <= {"uv"}:
-        return {name: _flipped(_of_obj(path, faces, where), element, default=True) for name in names}
+        return {
+            name: _flip_coordinates(_read_obj_attributes(path, faces, where), element, default=True)
+            for name in names
+        }
     else:
         raise SceneError(
             f"{where}: a map needs {', '.join(names)}, which a {element.plugin} does not have here; give map_extent, "
             "or the mesh as a ply file (uv also as obj or rectangle)"
         )
-    values = at_corners(at_vertices, faces, where)
+    values = spread_to_corners(at_vertices, faces, where)
     if "uv" in values:
-        values["uv"] = _flipped(values["uv"], element, default=False)
+        values["uv"] = _flip_coordinates(values["uv"], element, default=False)
     return values
 
 
-def at_corners(attributes: Mapping[str, ArrayLike], faces: I32, where: str) -> dict[str, F64]:
+def spread_to_corners(attributes: Mapping[str, ArrayLike], faces: I32, where: str) -> dict[str, F64]:
     """Values at the corners of faces, from values at vertices or (names that begin with ``face_``) of faces.
 
     Raises
@@ -79,14 +82,16 @@ def at_corners(attributes: Mapping[str, ArrayLike], faces: I32, where: str) -> d
     return out
 
 
-def _flipped(uv: F64, element: Element, *, default: bool) -> F64:
+def _flip_coordinates(uv: F64, element: Element, *, default: bool) -> F64:
     """Texture coordinates as in Mitsuba: v inverted with ``flip_tex_coords``."""
     if not element.values.get("flip_tex_coords", default):
         return uv
     return np.stack([uv[..., 0], 1.0 - uv[..., 1]], axis=-1)
 
 
-def _of_ply(path: Path, faces: I32, names: Sequence[str], where: str) -> dict[str, NDArray[np.generic]]:
+def _read_ply_attributes(
+    path: Path, faces: I32, names: Sequence[str], where: str
+) -> dict[str, NDArray[np.generic]]:
     """Attributes of a PLY file whose faces are triangles."""
     import trimesh
 
@@ -126,7 +131,7 @@ def _has(table: object, key: str) -> bool:
     return key in names if names else isinstance(table, dict) and key in table
 
 
-def _of_obj(path: Path, faces: I32, where: str) -> F64:
+def _read_obj_attributes(path: Path, faces: I32, where: str) -> F64:
     """(n_faces, 3, 2) texture coordinates of an obj file of triangles."""
     points: list[list[float]] = []
     corners: list[list[int]] = []

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 
 from sarmitsuba.core.arrays import F64, I32
 from sarmitsuba.core.errors import SceneError
-from sarmitsuba.core.parameters import Value, filled
+from sarmitsuba.core.parameters import Value, fill_description
 from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.loading.assemble import MeshSurface
-from sarmitsuba.loading.attributes import at_corners
+from sarmitsuba.loading.attributes import spread_to_corners
 from sarmitsuba.loading.collect import Collector
 from sarmitsuba.loading.describe import Described
 from sarmitsuba.loading.elements import Element
@@ -143,7 +143,7 @@ def build_scene(
     Meshes that share one material object, or equal descriptions of one, share it in the scene.
     """
     _check_meshes(meshes, name)
-    described = _described(radar or RadarDescription(), film or FilmDescription(), settings, track)
+    described = _describe_radar(radar or RadarDescription(), film or FilmDescription(), settings, track)
     collector = Collector(name, None, described)
     elements: list[tuple[MaterialLike, int]] = []
     for mesh in meshes:
@@ -178,7 +178,7 @@ def _check_meshes(meshes: Sequence[SceneMesh], label: str) -> None:
             )
 
 
-def _described(
+def _describe_radar(
     radar: RadarDescription, film: FilmDescription, settings: TraceSettings | None, track: Track | None
 ) -> Described:
     if settings is None:
@@ -191,7 +191,7 @@ def _described(
     given = {f.name: getattr(settings, f.name) for f in fields(settings) if f.name != "effects"}
     read = INTEGRATOR.read(given | dict(settings.effects), type(settings).__name__, python=True)
     effects = {effect.name: read[effect.name] for effect in switchable_effects()}
-    return Described(RadarInput.of(radar, film, track), filled(settings, {"effects": effects}))
+    return Described(RadarInput.of(radar, film, track), fill_description(settings, {"effects": effects}))
 
 
 def _material(collector: Collector, mesh: SceneMesh, label: str) -> int:
@@ -254,7 +254,7 @@ def _surface(mesh: SceneMesh, material: int, label: str) -> MeshSurface:
             raise SceneError(f"{where}: to_world is not an affine (4, 4) matrix; its last row is 0, 0, 0, 1")
         vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
     faces = faces.astype(np.int32)
-    values = at_corners(mesh.attributes, faces, where)
+    values = spread_to_corners(mesh.attributes, faces, where)
     return MeshSurface(
         mesh.name, vertices, faces, material, mesh.smooth, motion=mesh.motion, corner_values=values
     )

@@ -4,20 +4,20 @@ from collections.abc import Mapping
 from dataclasses import fields, replace
 
 from sarmitsuba.core.errors import SceneError
-from sarmitsuba.core.parameters import did_you_mean, filled
+from sarmitsuba.core.parameters import did_you_mean, fill_description
 from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.loading.assemble import seen_by
 from sarmitsuba.loading.tables import INTEGRATOR
 from sarmitsuba.radar.description import SENSOR, RadarDescription, RadarInput
 from sarmitsuba.radar.film import FILM, FilmDescription
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.scene import Scene
 
 # parameters that shapes and materials depend on while loading
 _LOADED_FOR = ("center_frequency", "default_rms_height")
 
 
-def changed(scene: Scene, changes: Mapping[str, object]) -> Scene:
+def change_scene(scene: Scene, changes: Mapping[str, object]) -> Scene:
     """A scene with other parameters of radar, film or settings; geometry and materials are shared.
 
     Parameters
@@ -37,7 +37,7 @@ def changed(scene: Scene, changes: Mapping[str, object]) -> Scene:
     given = {f: getattr(scene.settings, f) for f in settings} | dict(scene.settings.effects)
     given |= {name: changes[name] for name in changes if name in (*settings, *effects)}
     read = INTEGRATOR.read(given, f"{label}: sar_path", python=True)
-    out = filled(
+    out = fill_description(
         scene.settings,
         {**{f: read[f] for f in settings}, "effects": {name: read[name] for name in effects}},
     )
@@ -62,8 +62,8 @@ def _seen_anew(scene: Scene, changes: Mapping[str, object], label: str) -> Scene
     if old is None:
         raise SceneError(f"{label}: the scene holds no description of its radar; load or build it again")
     radar = RadarInput.read(
-        _given(old.sensor, old.sensor_given) | {n: v for n, v in changes.items() if n in SENSOR.names},
-        _given(old.film, old.film_given) | {n: v for n, v in changes.items() if n in FILM.names},
+        _list_given(old.sensor, old.sensor_given) | {n: v for n, v in changes.items() if n in SENSOR.names},
+        _list_given(old.film, old.film_given) | {n: v for n, v in changes.items() if n in FILM.names},
         old.where,
         old.film_where,
         old.folder,
@@ -71,7 +71,7 @@ def _seen_anew(scene: Scene, changes: Mapping[str, object], label: str) -> Scene
         python=True,
     )
     occurring = set(scene.geometry.face_material.tolist())
-    material = with_parts([m for i, m in enumerate(scene.materials) if i in occurring])
+    material = list_with_parts([m for i, m in enumerate(scene.materials) if i in occurring])
     before, after = (
         seen_by(label, scene.geometry, scene.places, material, each, scene.offset) for each in (old, radar)
     )
@@ -79,7 +79,7 @@ def _seen_anew(scene: Scene, changes: Mapping[str, object], label: str) -> Scene
     return replace(scene, radar=after[0], image=after[1], notes=(*kept, *after[2]), description=radar)
 
 
-def _given(description: RadarDescription | FilmDescription, names: frozenset[str]) -> dict[str, object]:
+def _list_given(description: RadarDescription | FilmDescription, names: frozenset[str]) -> dict[str, object]:
     """Parameters that were given, by name, including those of the mode."""
     values = {name: getattr(description, name) for name in names if hasattr(description, name)}
     if isinstance(description, RadarDescription):

@@ -176,7 +176,7 @@ class Collector:
             )
         for part, corners in zip(parts, vertices, strict=True):
             kind = kinds[part.material] or DEFAULT
-            index = self.book.named(part.material or kind, kind, label)
+            index = self.book.find_named(part.material or kind, kind, label)
             self._check_faces(label, len(part.faces))
             file = Path(label.rpartition(": ")[2]).stem if len(parts) == 1 else ""
             self._check_size((part.name, part.material, file), corners)
@@ -203,7 +203,7 @@ class Collector:
     def scene(self) -> Scene:
         """The assembled scene, see `sarmitsuba.loading.assemble.assemble`."""
         if self.described.settings.smooth:
-            self.surfaces = [self._smoothed(surface) for surface in self.surfaces]
+            self.surfaces = [self._smooth_surface(surface) for surface in self.surfaces]
         self._check_rounding()
         return assemble(
             self.name,
@@ -218,7 +218,7 @@ class Collector:
             self.grounds,
         )
 
-    def _smoothed(self, surface: MeshSurface) -> MeshSurface:
+    def _smooth_surface(self, surface: MeshSurface) -> MeshSurface:
         """Mesh with finer facets on its smooth surface; shapes without facets, and with values at corners, stay."""
         if surface.smooth or surface.corner_values or not np.isfinite(surface.vertices).all():
             return surface

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from sarmitsuba.core.errors import RadarError, SceneError
-from sarmitsuba.core.parameters import did_you_mean, filled
+from sarmitsuba.core.parameters import did_you_mean, fill_description
 from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.loading import tables
 from sarmitsuba.loading.elements import Element
@@ -48,7 +48,7 @@ def describe(root: Element, radar_root: Element | None, overrides: Overrides, la
     values, _ = overrides.read(_integrator(root, radar_root), tables.INTEGRATOR)
     effects = {effect.name: values.pop(effect.name) for effect in switchable_effects()}
     values["gridding_width"] = values["gridding_width"] or radar.film.gridding_width
-    return Described(radar, filled(TraceSettings(), {**values, "effects": effects}))
+    return Described(radar, fill_description(TraceSettings(), {**values, "effects": effects}))
 
 
 def _sensor(root: Element, radar_root: Element | None, label: str) -> tuple[Element, Element | None]:

@@ -86,7 +86,7 @@ def scene_from_mitsuba(
             vertices, faces = _mesh(shape)
             collector.surfaces.append(MeshSurface(name, vertices, faces, material))
         else:
-            collector.add_shape(_placed(shape, name), element)
+            collector.add_shape(_place_shape(shape, name), element)
     if radar_root is not None and not any(hasattr(own, "given") for own in mi_scene.sensors()):
         surfaces = [surface for surface in collector.surfaces if len(surface.faces)]
         lying = y_ground([ShapeExtent.of(s.vertices[s.faces]) for s in surfaces])
@@ -159,7 +159,7 @@ def _bsdf(bsdf: "mi.BSDF | None") -> Element:
         for key in ("opacity", "weight"):  # only where it is a number, not a texture
             if f"{key}.value" in numbers:
                 switches[key] = _scalar(numbers[f"{key}.value"])
-        element.children.extend(("_arg_0", _bsdf(inner)) for inner in _nested(bsdf))
+        element.children.extend(("_arg_0", _bsdf(inner)) for inner in _list_nested(bsdf))
     return element
 
 
@@ -173,7 +173,7 @@ def _pattern(pattern: object) -> dict[str, Property]:
     return {"scattering_pattern": type(pattern).__name__.removesuffix("Pattern").lower(), **numbers}
 
 
-def _nested(bsdf: "mi.BSDF") -> "list[mi.BSDF]":
+def _list_nested(bsdf: "mi.BSDF") -> "list[mi.BSDF]":
     """BSDF objects nested inside another one, in order; only a traversal gives access to them."""
     found = []
 
@@ -201,7 +201,7 @@ def _mesh(shape: "mi.Shape") -> tuple[F64, I32]:
     return vertices, faces
 
 
-def _placed(shape: "mi.Shape", name: str) -> Placed:
+def _place_shape(shape: "mi.Shape", name: str) -> Placed:
     """Shape without triangles (sphere, cylinder ...); its matrix maps the unit shape to the world."""
     plugin = shape.class_name().lower()
     where = f'{_NAME}: shape "{name}"'

@@ -117,7 +117,7 @@ def load_scene(
     elif not _holds_objects(scene) and isinstance(scene, dict):
         root = parse_dict(scene, _DICT)
     else:
-        loaded = _loaded(scene)
+        loaded = _load_once(scene)
     elements = [e for tree in (root, radar_root) if tree is not None for e in walk(tree)]
     label = file.name if file is not None else _DICT if root is not None else "scene"
     texts = [read_text(path) for path in (file, radar_file) if path is not None and not is_mesh_file(path)]
@@ -183,7 +183,7 @@ def _holds_objects(value: object) -> bool:
     return True
 
 
-def _loaded(scene: object) -> "mi.Scene":
+def _load_once(scene: object) -> "mi.Scene":
     register_plugins()
 
     if isinstance(scene, dict):

@@ -18,9 +18,15 @@ from sarmitsuba.loading.elements import Element
 from sarmitsuba.machine.backend import mi
 from sarmitsuba.machine.isolated import survive
 from sarmitsuba.machine.regular_files import check_regular, check_unpacked
-from sarmitsuba.scene.materials.map_materials import varied
+from sarmitsuba.scene.materials.map_materials import vary_material
 from sarmitsuba.scene.materials.material import ClassMap, Material, SurfaceMaps
-from sarmitsuba.scene.materials.texture import ATTRIBUTE_TEXELS, Bitmap, Placement, in_plan, on_mesh
+from sarmitsuba.scene.materials.texture import (
+    ATTRIBUTE_TEXELS,
+    Bitmap,
+    Placement,
+    place_in_plan,
+    place_on_mesh,
+)
 
 T = TypeVar("T")
 # of ``radar_material`` and of ``land_cover``
@@ -44,7 +50,7 @@ _EXR_CHANNEL = 4  # bytes of a number; half floats are unpacked to this size
 _NUMBER, _COLOUR = "class_", "color_"
 
 
-def with_maps(material: Material, bsdf: Element, values: Mapping[str, Value | None]) -> Material:
+def add_maps(material: Material, bsdf: Element, values: Mapping[str, Value | None]) -> Material:
     """Material with the maps of its element; unchanged where there are none.
 
     Parameters
@@ -90,7 +96,7 @@ def with_maps(material: Material, bsdf: Element, values: Mapping[str, Value | No
         level = replace(bitmap, values=factor)
     if PERMITTIVITY_MAP in found or ROUGHNESS_MAP in found:
         classes = _properties(material, bsdf, values, found, extent)
-    return replace(material, maps=_made(bsdf, lambda: SurfaceMaps(level, classes)))
+    return replace(material, maps=_make_at_element(bsdf, lambda: SurfaceMaps(level, classes)))
 
 
 def land_cover(
@@ -151,12 +157,12 @@ def land_cover(
     strange = known[index] != grey
     if strange.any():
         raise SceneError(
-            f"{texture.where}: {path.name} holds {_said(int(grey[strange][0]))} ({int(strange.sum())} pixels without a "
-            "material); name a material for it"
+            f"{texture.where}: {path.name} holds {_describe_code(int(grey[strange][0]))} "
+            f"({int(strange.sum())} pixels without a material); name a material for it"
         )
     parts = tuple(materials(codes[int(code)]) for code in known)
-    bitmap = _placed(texture, index.astype(np.int64), _extent(bsdf, values), whole=True)
-    classes = _made(bsdf, lambda: ClassMap(bitmap, parts))
+    bitmap = _place_pixels(texture, index.astype(np.int64), _extent(bsdf, values), whole=True)
+    classes = _make_at_element(bsdf, lambda: ClassMap(bitmap, parts))
     return replace(classes.most_frequent, name=name, maps=SurfaceMaps(classes=classes))
 
 
@@ -183,7 +189,7 @@ def _properties(
         attributes = placement.attributes, last.placement.attributes
         scalar = [names not in ((), ("uv",)) for names in attributes]
         if all(scalar):  # one along u, the other along v
-            placement = on_mesh((*attributes[0], *attributes[1]))
+            placement = place_on_mesh((*attributes[0], *attributes[1]))
             numbers[max(bitmaps)] = numbers[max(bitmaps)].T
             shape = ATTRIBUTE_TEXELS, ATTRIBUTE_TEXELS
             numbers = {name: np.broadcast_to(values, shape) for name, values in numbers.items()}
@@ -197,8 +203,8 @@ def _properties(
                 "give both the "
                 "same to_uv, or take attributes of the mesh for both"
             )
-    number, parts = _made(
-        bsdf, lambda: varied(material, numbers.get(PERMITTIVITY_MAP), numbers.get(ROUGHNESS_MAP))
+    number, parts = _make_at_element(
+        bsdf, lambda: vary_material(material, numbers.get(PERMITTIVITY_MAP), numbers.get(ROUGHNESS_MAP))
     )
     return ClassMap(replace(first, values=number, placement=placement), parts)
 
@@ -214,7 +220,7 @@ def _bitmap(texture: Element, extent: list[float] | None, *, whole: bool = False
             )
         if extent is not None:
             raise SceneError(f"{texture.where}: an attribute of the mesh takes no map_extent; leave that out")
-        bitmap = Bitmap(np.zeros((1, 2)), on_mesh((name,)), smooth=not whole)
+        bitmap = Bitmap(np.zeros((1, 2)), place_on_mesh((name,)), smooth=not whole)
         return _fine(bitmap) if whole else _ramp(bitmap, 2)
     path = _file(texture)
     pixels = _pixels(path, texture.where)
@@ -225,7 +231,7 @@ def _bitmap(texture: Element, extent: list[float] | None, *, whole: bool = False
         values /= float(2 ** (8 * pixels.dtype.itemsize) - 1)
     if not np.isfinite(values).all():
         raise SceneError(f"{texture.where}: {path.name} holds numbers that are not finite; repair it")
-    return _placed(texture, values, extent, whole=whole)
+    return _place_pixels(texture, values, extent, whole=whole)
 
 
 def _ramp(bitmap: Bitmap, n: int) -> Bitmap:
@@ -240,10 +246,10 @@ def _fine(bitmap: Bitmap) -> Bitmap:
     if bitmap.smooth:
         return _ramp(bitmap, ATTRIBUTE_TEXELS)
     values = (np.arange(ATTRIBUTE_TEXELS) + 0.5)[None] / ATTRIBUTE_TEXELS
-    return replace(bitmap, values=values, placement=on_mesh(bitmap.placement.attributes))
+    return replace(bitmap, values=values, placement=place_on_mesh(bitmap.placement.attributes))
 
 
-def _placed(
+def _place_pixels(
     texture: Element,
     values: F64 | I64,
     extent: list[float] | None,
@@ -266,7 +272,9 @@ def _placed(
             raise SceneError(f'{texture.where}: to_uv is not a transform; give <transform name="to_uv">')
         transform = matrix[np.ix_([0, 1, 3], [0, 1, 3])]  # as in Mitsuba
     placement = (
-        on_mesh(("uv",), transform) if extent is None else _made(texture, lambda: in_plan(extent, transform))
+        place_on_mesh(("uv",), transform)
+        if extent is None
+        else _make_at_element(texture, lambda: place_in_plan(extent, transform))
     )
     return Bitmap(values, placement, repeat=wrap == "repeat", smooth=kind == "bilinear")
 
@@ -407,7 +415,7 @@ def _code(key: str, where: str) -> int:
     )
 
 
-def _said(code: int) -> str:
+def _describe_code(code: int) -> str:
     return f"{_COLOUR}{-1 - code:06x}" if code < 0 else f"{_NUMBER}{code}"
 
 
@@ -433,7 +441,7 @@ def _numbers(bsdf: Element, name: str, text: str, count: int, what: str) -> list
     return numbers
 
 
-def _made(element: Element, make: Callable[[], T]) -> T:
+def _make_at_element(element: Element, make: Callable[[], T]) -> T:
     """Result of a function; its errors are raised with the element's place."""
     try:
         return make()

@@ -9,7 +9,7 @@ from sarmitsuba.core.errors import GuessWarning, SarmitsubaWarning, SceneError
 from sarmitsuba.core.parameters import did_you_mean, one_line
 from sarmitsuba.loading import tables
 from sarmitsuba.loading.elements import Element
-from sarmitsuba.loading.maps import CLASS_MAP, MATERIAL_MAPS, land_cover, with_maps
+from sarmitsuba.loading.maps import CLASS_MAP, MATERIAL_MAPS, add_maps, land_cover
 from sarmitsuba.loading.names_of_materials import is_doubtful, kind_of
 from sarmitsuba.loading.notes import warn_once
 from sarmitsuba.loading.overrides import Overrides
@@ -24,7 +24,7 @@ from sarmitsuba.scene.materials.bsdfs import (
     sionna_material,
 )
 from sarmitsuba.scene.materials.diffuse import diffuse_tables
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.materials.typical import typical_surface
 from sarmitsuba.scene.scatterers import SCATTERERS
@@ -73,13 +73,13 @@ class MaterialBook:
 
     def add(self, material: Material, label: str) -> int:
         """Index of an existing material; ``label`` starts every warning."""
-        for part in {(m.name, m.diffuse_law, m.pec): m for m in with_parts([material])}.values():
+        for part in {(m.name, m.diffuse_law, m.pec): m for m in list_with_parts([material])}.values():
             self._check_law(part, label)
         self.materials.append(material)
         self._taken.add(material.name)
         return len(self.materials) - 1
 
-    def named(self, name: str, kind: str, label: str) -> int:
+    def find_named(self, name: str, kind: str, label: str) -> int:
         """Index of the material of a name in a mesh file, with its typical surface.
 
         Parameters
@@ -138,7 +138,7 @@ class MaterialBook:
                 # Sionna's usual case: a note, no warning
                 self._say(f"{where.partition(':')[0]}: {rough_note(plugin, self.rms_height)}")
         elif plugin in ADAPTER_BSDFS or plugin == tables.HOLDER.plugin:
-            return self._nested(bsdf, name, depth)
+            return self._collect_nested(bsdf, name, depth)
         elif plugin in tables.TABLES:
             raise SceneError(f"{where}: {plugin} is not a BSDF{did_you_mean(plugin, tables.TABLES)}")
         else:
@@ -175,7 +175,7 @@ class MaterialBook:
             self._say(f'{where}: material "{one_line(written)}" is read as {read}')
         if assumed:
             self._say(f"{where}: {assumed}")
-        return with_maps(material, bsdf, values), note
+        return add_maps(material, bsdf, values), note
 
     def _land_cover(self, bsdf: Element, name: str, depth: int) -> Material:
         classes = tuple(key for key, child in bsdf.children if child.kind == "bsdf")
@@ -186,7 +186,7 @@ class MaterialBook:
 
         return land_cover(name, bsdf, values, made)
 
-    def _nested(self, bsdf: Element, name: str, depth: int) -> Material:
+    def _collect_nested(self, bsdf: Element, name: str, depth: int) -> Material:
         if bsdf.plugin in ADAPTER_BSDFS and bsdf.plugin != "twosided":  # which is exact: nothing is ignored
             warn_once(self.notes, f"{bsdf.where.partition(':')[0]}: {adapter_note(bsdf.plugin)}")
         inner = list(bsdf.of_kind("bsdf"))

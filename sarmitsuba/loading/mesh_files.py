@@ -17,9 +17,7 @@ from sarmitsuba.core.errors import DataError, SceneError
 from sarmitsuba.core.parameters import one_line
 from sarmitsuba.machine.isolated import survive
 from sarmitsuba.machine.regular_files import check_regular, is_inside, read_bytes
-from sarmitsuba.scene.mesh.obj import ObjMesh, read_obj
-from sarmitsuba.scene.mesh.ply import read_ply
-from sarmitsuba.scene.mesh.serialized import read_serialized
+from sarmitsuba.scene.mesh.formats import ObjMesh, read_obj, read_ply, read_serialized
 
 if TYPE_CHECKING:
     import trimesh
@@ -88,11 +86,11 @@ def read_mesh(path: Path, where: str) -> tuple[F64, I32]:
     """Triangles of a ply, obj or stl file, vertices as stored."""
     with _reading(path, where):
         if path.suffix.lower() == ".ply" and (read := read_ply(path)) is not None:
-            return read[0], _checked(*read, path, where)
+            return read[0], _check_mesh(*read, path, where)
         check_regular(path)
         if path.suffix.lower() == ".obj":
             mesh = read_obj(path)
-            return mesh.vertices, _checked(mesh.vertices, mesh.faces, path, where)
+            return mesh.vertices, _check_mesh(mesh.vertices, mesh.faces, path, where)
         import trimesh
 
         loaded = _load(path)
@@ -104,7 +102,7 @@ def read_mesh(path: Path, where: str) -> tuple[F64, I32]:
         faces = np.array(
             getattr(joined, "faces", np.zeros((0, 3))), dtype=np.int64
         )  # point clouds have no faces
-    return vertices, _checked(vertices, faces, path, where)
+    return vertices, _check_mesh(vertices, faces, path, where)
 
 
 def read_parts(path: Path, where: str) -> list[MeshPart]:
@@ -151,7 +149,7 @@ def _placed_parts(path: Path, where: str) -> list[MeshPart]:
             continue  # lines and points
         corners = np.array(mesh.vertices, dtype=np.float64)
         vertices = corners @ matrix[:3, :3].T + matrix[:3, 3]
-        faces = _checked(vertices, np.array(mesh.faces, dtype=np.int64), path, where)
+        faces = _check_mesh(vertices, np.array(mesh.faces, dtype=np.int64), path, where)
         material = getattr(getattr(mesh.visual, "material", None), "name", None)
         if not material and path.suffix.lower() in _NAMED_PARTS:
             material = node
@@ -223,7 +221,7 @@ def _reading(path: Path, where: str) -> Iterator[None]:
         ) from error
 
 
-def _checked(vertices: F64, faces: I64, path: Path, where: str) -> I32:
+def _check_mesh(vertices: F64, faces: I64, path: Path, where: str) -> I32:
     if faces.ndim != 2 or faces.shape[0] == 0:
         raise SceneError(f"{where}: mesh file {path.name} holds no faces; a radar needs surfaces, not points")
     if faces.min() < 0 or faces.max() >= vertices.shape[0]:
@@ -238,4 +236,4 @@ def read_shape(path: Path, index: int, where: str) -> tuple[F64, I32]:
     """Triangles of one shape of a ``serialized`` file, Mitsuba's binary format."""
     with _reading(path, where):
         vertices, faces = read_serialized(path, index)
-        return vertices, _checked(vertices, faces, path, where)
+        return vertices, _check_mesh(vertices, faces, path, where)

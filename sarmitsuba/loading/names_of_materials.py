@@ -172,7 +172,7 @@ def exact_kind(name: str) -> str:
     """
     if name in MATERIALS.names:
         return name
-    plain = re.sub(r"[.\d\s_-]+$", "", _without_accents(name)).lower().removeprefix("mat-")
+    plain = re.sub(r"[.\d\s_-]+$", "", _remove_accents(name)).lower().removeprefix("mat-")
     bare = re.sub(r"[\s_-]", "", re.sub(r"^itu[_-]", "", plain))
     if found := next((kind for kind in MATERIALS.names if kind.lower().replace("_", "") == bare), ""):
         return found
@@ -220,10 +220,10 @@ def _begins(word: str, start: str) -> bool:
 
 def _words(name: str) -> list[str]:
     """Words of a name, lower case: of ``StoneWall`` stone and wall."""
-    return re.findall(r"[a-z]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", _without_accents(name)).lower())
+    return re.findall(r"[a-z]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", _remove_accents(name)).lower())
 
 
-def _without_accents(name: str) -> str:
+def _remove_accents(name: str) -> str:
     bare = unicodedata.normalize("NFKD", name.replace("ß", "ss"))
     return "".join(c for c in bare if not unicodedata.combining(c))
 

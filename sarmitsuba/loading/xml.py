@@ -49,7 +49,7 @@ def parse_file(path: Path, parameters: Mapping[str, str], *, allow_outside: bool
     absolute = path.absolute()  # files that the parser finds are then named by absolute paths
     try:
         with _searching(absolute.parent):
-            state = mi.parser.parse_file(config, str(absolute), **_allowed(parameters))
+            state = mi.parser.parse_file(config, str(absolute), **_list_allowed(parameters))
         if not allow_outside:
             check_files(path.name, [str(file) for file in state.files], path.parent)
         root = _tree(config, state, path.name, path.parent)
@@ -168,7 +168,7 @@ def _searching(folder: Path) -> Iterator[None]:
         mi.set_file_resolver(before)
 
 
-def _allowed(parameters: Mapping[str, str]) -> dict[str, str]:
+def _list_allowed(parameters: Mapping[str, str]) -> dict[str, str]:
     for name in parameters:
         if name in ("config", "filename"):
             raise SceneError(f'parameter "{name}": this name is reserved; rename the parameter in the file')

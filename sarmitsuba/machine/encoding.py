@@ -68,10 +68,10 @@ def json_value(text: str | bytes, refuse: Callable[[str], object] | None = None)
 
 
 def _whole(digits: str) -> int | float:
-    return within_64_bits(int(digits)) if len(digits) <= _LONGEST_WHOLE else float(digits)
+    return bound_to_64_bits(int(digits)) if len(digits) <= _LONGEST_WHOLE else float(digits)
 
 
-def within_64_bits(value: int) -> int | float:
+def bound_to_64_bits(value: int) -> int | float:
     """The number as it is, or as a float: NumPy and formats of files take no integer of more than 64 bits."""
     if -(2**63) <= value < 2**64:
         return value

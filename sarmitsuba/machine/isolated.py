@@ -10,9 +10,9 @@ from functools import partial
 from pathlib import Path
 
 from sarmitsuba.core.errors import DataError, ResourceError
+from sarmitsuba.machine.atomic import removed_if_stopped
 from sarmitsuba.machine.exclusive import backend_lock, fork_for_trial
 from sarmitsuba.machine.regular_files import most_unpacked
-from sarmitsuba.machine.unfinished import removed_if_stopped
 
 # allowed CPU time, s: a hundred times that of any intact file, plus a share by the size of the file
 _LEAST_LIMIT = 5
@@ -108,10 +108,10 @@ def _try(read: Callable[[], object], limit: int, memory: int) -> None:
         read()
     finally:
         # whatever was raised, and nothing of the parent's is flushed or closed twice
-        os._exit(_OUT_OF_MEMORY if _of_memory(sys.exc_info()[1]) else 0)
+        os._exit(_OUT_OF_MEMORY if _is_memory_error(sys.exc_info()[1]) else 0)
 
 
-def _of_memory(error: BaseException | None) -> bool:
+def _is_memory_error(error: BaseException | None) -> bool:
     """Whether an error was caused by a MemoryError."""
     while error is not None:
         if isinstance(error, MemoryError):

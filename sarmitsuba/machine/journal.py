@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.errors import OutputError
-from sarmitsuba.machine.atomic import open_own, reason_of
+from sarmitsuba.machine.atomic import offer_resuming, open_own, reason_of, withdraw_resuming
 from sarmitsuba.machine.encoding import json_value
 from sarmitsuba.machine.regular_files import open_regular
-from sarmitsuba.machine.unfinished import offer_resuming, withdraw_resuming
 
 MAGIC = b"sarmitsuba journal 1\n"
 _RECORD = b"rec\n"

@@ -78,11 +78,11 @@ def check_fits(what: str, wanted: int, remedy: str) -> None:
     free = free_memory()
     if free is not None and wanted > USABLE * free:
         raise ResourceError(
-            f"{what} needs {in_bytes(wanted)} of memory, and {in_bytes(free)} are free; {remedy}"
+            f"{what} needs {format_bytes(wanted)} of memory, and {format_bytes(free)} are free; {remedy}"
         )
 
 
-def in_bytes(value: float) -> str:
+def format_bytes(value: float) -> str:
     """Number of bytes as text with a unit: ``1.5 GB``."""
     for unit, size in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6)):
         if value >= size:

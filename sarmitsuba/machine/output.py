@@ -1,23 +1,102 @@
-"""Output folders: files written by the program are replaced, other files are never changed."""
+"""Output folders: files written by the program are replaced, other files are never changed.
 
+Exclusive writing in a folder, and removal of temporary files of killed writers.
+
+parameters.json: record of a run's parameters and results.
+"""
+
+import errno
+import json
 import os
 import re
 import shutil
 import stat
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from sarmitsuba.core.errors import OutputError, SarmitsubaWarning
 from sarmitsuba.core.parameters import one_line
-from sarmitsuba.machine import parameter_file
-from sarmitsuba.machine.atomic import make_folder, part_name
-from sarmitsuba.machine.encoding import json_value
-from sarmitsuba.machine.locking import sole_writer
+from sarmitsuba.machine.atomic import atomic_path, make_folder, part_name, process_of_part, removed_if_stopped
+from sarmitsuba.machine.encoding import json_value, to_json
 from sarmitsuba.machine.regular_files import check_text, read_text
-from sarmitsuba.machine.unfinished import removed_if_stopped
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+
+@contextmanager
+def sole_writer(folder: Path) -> Iterator[None]:
+    """Lock a folder for this process, and remove temporary files of dead processes.
+
+    The operating system releases the lock when the process ends, however it ends, without a lock file.
+
+    Raises
+    ------
+    OutputError
+        Another process holds the lock.
+
+    Notes
+    -----
+    File systems and systems without such locks (some network drives, Windows) do not detect a second writer.
+    """
+    if fcntl is None:
+        yield
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
+                raise OutputError(
+                    f"{folder}: another run is writing into this folder; wait for its end, or choose another -o"
+                ) from error
+        _sweep(folder)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _sweep(folder: Path) -> None:
+    for path in folder.iterdir():
+        process = process_of_part(path.name)
+        if process is not None and not _alive(process):
+            with suppress(
+                OSError
+            ):  # folders are not temporary files; files that cannot be removed are harmless
+                path.unlink()
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)  # signal 0 only checks whether the process exists
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        return True
+    return True
+
+
+def write(path: Path | str, facts: Mapping[str, object]) -> None:
+    """Write the facts as standard JSON (non-finite numbers as text), indented, UTF-8."""
+    text = json.dumps(to_json(facts, strict=True), indent=2, ensure_ascii=False, allow_nan=False)
+    with atomic_path(path) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def read(path: Path | str) -> dict[str, Any]:
+    """Read the facts."""
+    facts = json_value(read_text(path, errors="strict"))
+    if not isinstance(facts, dict):
+        raise ValueError(f"{path}: holds no JSON object")
+    return facts
+
 
 MANIFEST = ".sarmitsuba.json"
 _INCOMPLETE = -1  # size in the list of a file being written: it may be old, new or missing
@@ -202,7 +281,7 @@ class OutputFolder:
         if not self._bytes:
             (self.path / MANIFEST).unlink(missing_ok=True)
             return
-        parameter_file.write(self.path / MANIFEST, {"mark": self.run_hash, "files": self._bytes})
+        write(self.path / MANIFEST, {"mark": self.run_hash, "files": self._bytes})
 
 
 def _is_plain(path: Path) -> bool:

@@ -46,7 +46,7 @@ class Antenna:
         numbers = cast(
             "Sequence[Samples | float]", self.numbers
         )  # a table's numbers are NumPy's, as the sines are
-        return self.normalised(sin_azimuth, sin_elevation, numbers, xp)
+        return self.normalise(sin_azimuth, sin_elevation, numbers, xp)
 
     @property
     def directive(self) -> bool:
@@ -64,7 +64,7 @@ class Antenna:
         """Numbers that define the pattern: :attr:`per_width`, or the table's."""
         return self.per_width if self.table is None else self.table.numbers
 
-    def normalised(
+    def normalise(
         self,
         sin_azimuth: Samples,
         sin_elevation: Samples,

@@ -294,7 +294,7 @@ def build_radar(
         track, half_aperture = automatic_track(given, geometry, box, faded, waveform, antenna, path)
         boxes, pulses = (box, faded), track.n_pulses
         notes += spare_pulses(given, geometry, boxes, waveform, antenna, path, pulses, image.extent_azimuth)
-    track, geometry = parallel_pass(given, _dated(given, track, path), geometry)
+    track, geometry = parallel_pass(given, _date_track(given, track, path), geometry)
     _check_height(given, track, scene, image, shift)
     receiver = receiver_track(given, track, aim, shift)
     tracks = [track] if receiver is None else [track, receiver]
@@ -328,7 +328,7 @@ def build_radar(
     return radar, image, notes
 
 
-def _dated(given: RadarInput, track: Track, path: FlightPath | None) -> Track:
+def _date_track(given: RadarInput, track: Track, path: FlightPath | None) -> Track:
     """The track with the UTC of its time zero."""
     dated = path.epoch if isinstance(path, EphemerisPath) and path.vectors.dated else track.epoch
     if dated != DEFAULT_EPOCH:

@@ -62,7 +62,7 @@ class Flight:
         middle = 0.5 * float(track.time[(n - 1) // 2] + track.time[n // 2])
         degree = min(_DEGREE, n - 1)
         fit = np.polynomial.chebyshev.chebfit(
-            _scaled(track.time, first, last), track.position - center, degree
+            _scale_times(track.time, first, last), track.position - center, degree
         )
         place = np.asarray(center + np.asarray(offset, dtype=np.float64))
         return Flight(
@@ -75,14 +75,16 @@ class Flight:
 
     def position(self, time: F64) -> F64:
         """Position (..., 3) float64, m, at times (...), s."""
-        series = np.polynomial.chebyshev.chebval(_scaled(time, self.span[0], self.span[2]), self.coefficients)
+        series = np.polynomial.chebyshev.chebval(
+            _scale_times(time, self.span[0], self.span[2]), self.coefficients
+        )
         return np.asarray(self.center + np.moveaxis(series, 0, -1))
 
     def velocity_at(self, time: F64) -> F64:
         """Velocity (..., 3) float64, m/s, of the polynomial at times (...), s; needs two pulses or more."""
         first, _, last = self.span
         slope = np.polynomial.chebyshev.chebder(self.coefficients) * (2.0 / (last - first))
-        series = np.polynomial.chebyshev.chebval(_scaled(time, first, last), slope)
+        series = np.polynomial.chebyshev.chebval(_scale_times(time, first, last), slope)
         return np.asarray(np.moveaxis(series, 0, -1))
 
     def as_dict(self) -> FlightFacts:
@@ -112,7 +114,7 @@ def flight_facts(radar: Radar) -> dict[str, object]:
     return facts
 
 
-def _scaled(time: F64, first: float, last: float) -> F64:
+def _scale_times(time: F64, first: float, last: float) -> F64:
     """Times as -1 ... 1 over the span."""
     return np.asarray((time - 0.5 * (first + last)) / max(0.5 * (last - first), 1e-300))
 

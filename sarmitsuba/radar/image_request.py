@@ -175,14 +175,14 @@ def build_image_request(
     if extent_azimuth == 0.0:
         wanted, most = automatic(0, cells[0], 0.0)
         extent_azimuth = min(wanted, most)
-        notes += _limited(where, "image_extent_azimuth", wanted, most)
+        notes += _note_limit(where, "image_extent_azimuth", wanted, most)
     if extent_range == 0.0:
         wanted, most = automatic(1, ground_cell, layover if one_sided else 2.0 * layover)
         if one_sided and wanted <= most:
             center = center - 0.5 * layover * across
             reach -= 0.5 * layover
         extent_range = min(wanted, most, 1.9 * reach)
-        notes += _limited(where, "image_extent_range", wanted, most)
+        notes += _note_limit(where, "image_extent_range", wanted, most)
     elif 0.5 * extent_range >= reach:
         raise RadarError(
             f"{where}: image_extent_range = {extent_range:g} m reaches past the ground track of the radar, which is "
@@ -220,7 +220,7 @@ def _extent_of_pixels(film: FilmDescription, cell: float, reach: float, drop: fl
     return 2.0 * (reach - float(np.sqrt(near**2 - drop**2)))
 
 
-def _limited(where: str, name: str, wanted: float, most: float) -> list[str]:
+def _note_limit(where: str, name: str, wanted: float, most: float) -> list[str]:
     """Note about an automatic extent that the limit cuts."""
     if wanted <= most:
         return []

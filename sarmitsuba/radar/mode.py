@@ -220,7 +220,7 @@ class RadarMode(ABC):
         return {p.name: p.default for p in self.parameters if p.default is not None} | dict(values or {})
 
 
-def towards(point: F64, track: Track) -> F64:
+def point_towards(point: F64, track: Track) -> F64:
     """Unit vectors (n_pulses, 3) from every position of a track to a point (3,), or to one per pulse."""
     line = point - track.position
     return unit_rows(line)

@@ -151,7 +151,7 @@ class PatternTable:
                     f"{path}:{number}: every line needs cut, angle_deg, gain_db, the cut azimuth or elevation; "
                     f'this one is "{line.strip()[:60]}"'
                 ) from None
-        return PatternTable(*(_checked(path, cut, np.array(rows[cut]).reshape(-1, 2)) for cut in CUTS))
+        return PatternTable(*(_check_cut(path, cut, np.array(rows[cut]).reshape(-1, 2)) for cut in CUTS))
 
 
 class PatternCut:
@@ -226,7 +226,7 @@ class PatternCut:
         return float(slope), float(bend)
 
 
-def _checked(path: Path, name: str, rows: F64) -> F64:
+def _check_cut(path: Path, name: str, rows: F64) -> F64:
     """Angles in rad and relative gains of one cut as read; RadarError where it is invalid."""
     where = f"{path}: the cut in {name}"
     angle, gain = rows.T

@@ -15,7 +15,7 @@ from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.mode import right_of
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
-from sarmitsuba.radar.track_errors import of_same_pulses
+from sarmitsuba.radar.track_errors import check_same_pulses
 
 _OFFSETS = ("receiver_offset_along", "receiver_offset_across", "receiver_offset_up")
 # rad, largest tested bistatic angle at the aim point
@@ -52,7 +52,7 @@ def receiver_track(given: RadarInput, track: Track, aim: F64, offset: F64) -> Tr
         path = Path(s.receiver_track_file)
         own = Track.from_csv(path if path.is_absolute() else given.folder / path)
         own = replace(own, position=own.position - offset)
-        receiver = of_same_pulses(s.receiver_track_file, own, track, "received")
+        receiver = check_same_pulses(s.receiver_track_file, own, track, "received")
     else:
         baseline = np.array([s.receiver_offset_along, s.receiver_offset_across, s.receiver_offset_up])
         if not baseline.any():
@@ -88,7 +88,7 @@ def moving_in_pulse(radar: Radar) -> Radar:
     .. math:: \mathbf r(t) = \mathbf x(t + D), \quad D = 2 R_{aim} / c
 
     The times of the track are those of transmission. Echoes from other ranges arrive earlier or later than D; the
-    difference is added to each by its range and range rate (:mod:`sarmitsuba.signal.raw.pulse_motion`).
+    difference is added to each by its range and range rate (:mod:`sarmitsuba.signal.pulse_motion`).
 
     Notes
     -----

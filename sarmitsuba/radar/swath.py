@@ -363,7 +363,7 @@ def outline(radar: Radar, pulse: int, height: float = 0.0, n: int = 97) -> F64:
     -----
     Ignores the Earth's curvature, and the elevation beam's height over terrain.
     """
-    _with_beam(radar)
+    _has_beam(radar)
     p, antenna = radar.pointing, radar.antenna
     angle = np.linspace(0.0, 2.0 * np.pi, n)
     across = np.stack([np.cos(angle) / antenna.per_width[0], np.sin(angle) / antenna.per_width[1]])
@@ -387,7 +387,7 @@ def outline(radar: Radar, pulse: int, height: float = 0.0, n: int = 97) -> F64:
     return np.asarray(antenna_at + distance[:, None] * look)
 
 
-def lit(radar: Radar, points: ArrayLike) -> Lit:
+def illuminate_points(radar: Radar, points: ArrayLike) -> Lit:
     """Illumination of points (..., 3), m, scene frame, by the beam over the track.
 
     Raises
@@ -399,7 +399,7 @@ def lit(radar: Radar, points: ArrayLike) -> Lit:
     -----
     Samples 129 pulses, so that the ends of an aperture are known to a 128th of the track. Ignores shadows.
     """
-    _with_beam(radar)
+    _has_beam(radar)
     place = np.asarray(points, dtype=np.float64)
     track, pointing, antenna = radar.track, radar.pointing, radar.antenna
     pick = np.unique(np.linspace(0, track.n_pulses - 1, _PULSES).astype(int))
@@ -421,7 +421,7 @@ def lit(radar: Radar, points: ArrayLike) -> Lit:
     return Lit(ever, ever & passed)
 
 
-def _with_beam(radar: Radar) -> None:
+def _has_beam(radar: Radar) -> None:
     if not radar.antenna.directive:
         raise RadarError(
             "footprint: pattern = isotropic illuminates everything and has no outline; use gaussian or rectangular"

@@ -112,7 +112,7 @@ def recorded_track(given: RadarInput, flown: Track, offset: F64) -> Track | None
         path = Path(s.recorded_track_file)
         track = Track.from_csv(path if path.is_absolute() else given.folder / path)
         track = replace(track, position=track.position - offset)
-        return of_same_pulses(s.recorded_track_file, track, flown, "recorded")
+        return check_same_pulses(s.recorded_track_file, track, flown, "recorded")
     if errors & set(_TRACK_JITTER_PARTS) and s.track_jitter == 0.0:
         raise RadarError(
             f"{given.where}: {sorted(errors & set(_TRACK_JITTER_PARTS))[0]} has no effect without track_jitter; set "
@@ -135,7 +135,7 @@ def recorded_track(given: RadarInput, flown: Track, offset: F64) -> Track | None
     return model.recorded(flown)
 
 
-def of_same_pulses(name: str, track: Track, flown: Track, what: str) -> Track:
+def check_same_pulses(name: str, track: Track, flown: Track, what: str) -> Track:
     """The track, checked for the pulse times of the one flown; else a RadarError that begins with ``name``."""
     if track.n_pulses != flown.n_pulses:
         raise RadarError(
@@ -198,10 +198,10 @@ class PointingError:
 
     def flown(self, nominal: Pointing, time: F64) -> Pointing:
         """The true pointing."""
-        return turned(nominal, self.angles(time))
+        return turn_axes(nominal, self.angles(time))
 
 
-def turned(nominal: Pointing, angles: F64) -> Pointing:
+def turn_axes(nominal: Pointing, angles: F64) -> Pointing:
     """Pointing with the axes turned by angles (n_pulses, 2), rad: in azimuth, then in elevation."""
     azimuth, elevation = angles.T[..., None]
     ahead = np.cos(azimuth) * nominal.boresight + np.sin(azimuth) * nominal.azimuth_axis

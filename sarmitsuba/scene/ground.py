@@ -15,8 +15,7 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.materials.material import Material
-from sarmitsuba.scene.mesh.connected import connected
-from sarmitsuba.scene.mesh.welding import weld
+from sarmitsuba.scene.mesh.topology import label_connected, weld
 from sarmitsuba.scene.motion import STILL
 from sarmitsuba.scene.scene import Scene
 
@@ -147,7 +146,7 @@ def outline(geometry: Geometry) -> Rim | str:
     sides = _level_sides(geometry, np.flatnonzero(still), level, slack)
     if not len(sides.face):
         return NOT_LEVEL
-    parts, whole = _parted(sides, slack)
+    parts, whole = _part_sides(sides, slack)
     walk = _outermost(parts, slack)
     lying = sides[~sides.rising]  # without undersides of bodies
     around = np.concatenate([lying.start, lying.end])[:, :2]
@@ -203,7 +202,7 @@ def _level_sides(geometry: Geometry, number: I64, level: float, slack: float) ->
     rows, shared = np.flatnonzero(own)[alone], np.flatnonzero(own)[~alone]
     _, edge = np.unique(both[shared], return_inverse=True)
     n_faces = len(faces)
-    part = connected(n_faces + edge.max(initial=-1) + 1, shared // 3, n_faces + edge.reshape(-1))
+    part = label_connected(n_faces + edge.max(initial=-1) + 1, shared // 3, n_faces + edge.reshape(-1))
     return _LevelSides(
         start=v[start[rows]],
         end=v[end[rows]],
@@ -214,7 +213,7 @@ def _level_sides(geometry: Geometry, number: I64, level: float, slack: float) ->
     )
 
 
-def _parted(sides: _LevelSides, slack: float) -> tuple[_LevelSides, I64]:
+def _part_sides(sides: _LevelSides, slack: float) -> tuple[_LevelSides, I64]:
     """Sides cut where the ends of others lie on them, seen from above, and the row of the whole of each."""
     a, along = sides.start[:, :2], (sides.end - sides.start)[:, :2]
     length = np.linalg.norm(along, axis=1)
@@ -303,7 +302,7 @@ _GAP = 1e-5
 _GRAZING = 0.05
 
 
-def with_endless_ground(scene: Scene) -> Scene:
+def continue_ground(scene: Scene) -> Scene:
     """The scene with level ground continued beyond its rim, without clutter, and a note; the scene itself without any.
 
     Coherent ray tubes on a plane cancel with their neighbours, except at its rim: there the sum has the return of a
@@ -327,7 +326,7 @@ def with_endless_ground(scene: Scene) -> Scene:
         return scene
     rim = outline(geometry)
     if isinstance(rim, str):
-        return _said(scene, _open_rim(scene, rim))
+        return _add_note(scene, _open_rim(scene, rim))
     if _encloses(rim.distances(_center(scene)), scene):
         return scene
     of = geometry.face_material[rim.face]
@@ -335,8 +334,8 @@ def with_endless_ground(scene: Scene) -> Scene:
     if switch == "auto" and not _is_ground(scene, rim, used):
         return scene
     if any(m.invisible or m.thickness or m.maps is not None for m in used):
-        return _said(scene, _open_rim(scene, "has a material with maps or a thickness"))
-    return _continued(scene, rim, of)
+        return _add_note(scene, _open_rim(scene, "has a material with maps or a thickness"))
+    return _frame_rim(scene, rim, of)
 
 
 def reach_of(image: ImageRequest, radar: Radar, geometry: Geometry) -> float:
@@ -392,7 +391,7 @@ def _is_coherent(scene: Scene, used: list[Material]) -> bool:
     return bool(db_from_power(loss) >= scene.settings.tolerance_db)
 
 
-def _said(scene: Scene, note: str) -> Scene:
+def _add_note(scene: Scene, note: str) -> Scene:
     return scene if not note or note in scene.notes else replace(scene, notes=(*scene.notes, note))
 
 
@@ -437,7 +436,7 @@ def _open_rim(scene: Scene, why: str) -> str:
     )
 
 
-def _continued(scene: Scene, rim: Rim, of: I32) -> Scene:
+def _frame_rim(scene: Scene, rim: Rim, of: I32) -> Scene:
     """The scene with a frame of triangles about the rim, one side of it after the other."""
     geometry = scene.geometry
     materials, row_of = list(scene.materials), {}

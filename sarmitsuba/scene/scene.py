@@ -153,7 +153,7 @@ class Scene:
         SceneError, RadarError : one line: an unknown name, a value out of bounds, or a parameter that materials and
             shapes depend on while loading
         """
-        scene = late("sarmitsuba.loading.changes", "changed")(self, changes)
+        scene = late("sarmitsuba.loading.changes", "change_scene")(self, changes)
         assert isinstance(scene, Scene)
         return scene
 

@@ -27,7 +27,7 @@ from sarmitsuba.core.registry import late, png_of
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.validity import check_anchor, check_bounds
-from sarmitsuba.signal.raw.raw_data import Layer, channels_of, sum_of_channel
+from sarmitsuba.signal.raw_data import Layer, channels_of, sum_of_channel
 
 
 def block_means(values: NDArray[np.floating], block: tuple[int, int]) -> F64:

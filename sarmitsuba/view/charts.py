@@ -41,7 +41,7 @@ from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.machine.atomic import atomic_path
 from sarmitsuba.signal.focusing.comparison import FocuserResult
 from sarmitsuba.signal.image import SarImage, ShownAxes
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.raw_data import Layer, RawData
 from sarmitsuba.view.display import LARGEST, PictureOptions, prepare
 from sarmitsuba.view.figure import Figure
 from sarmitsuba.view.quicklook import draw

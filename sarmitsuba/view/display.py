@@ -13,7 +13,7 @@ from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.parameters import did_you_mean
 from sarmitsuba.core.units import amplitude_from_db, db_from_power, power_from_db
 from sarmitsuba.signal.image import SarImage, ShownAxes, backscatter, block_means
-from sarmitsuba.signal.raw.raw_data import Layer
+from sarmitsuba.signal.raw_data import Layer
 
 Quantity = Literal["sigma0", "gamma0", "beta0", "rcs", "amplitude", "phase"]
 QUANTITIES: tuple[str, ...] = get_args(Quantity)
@@ -154,9 +154,9 @@ def prepare(image: SarImage, options: PictureOptions, largest: int) -> Display:
     """
     options.check()
     if options.order is not None:
-        image = of_order(image, options.order)
+        image = pick_order(image, options.order)
     if options.spectral_looks != (1, 1):
-        image = _of_looks(image, options)
+        image = _average_looks(image, options)
     grid = image.grid
     looks = options.looks or _looks_of_speckle(image, options)
     multilooked = options.looks is None and looks != (1, 1)
@@ -184,7 +184,7 @@ def quantity_label(image: SarImage, quantity: Quantity) -> str:
     return _UNCALIBRATED_AMPLITUDE if quantity == "amplitude" else _UNCALIBRATED
 
 
-def of_order(image: SarImage, order: int) -> SarImage:
+def pick_order(image: SarImage, order: int) -> SarImage:
     """Part of an image with this bounce order.
 
     Raises
@@ -199,7 +199,7 @@ def of_order(image: SarImage, order: int) -> SarImage:
     return dataclasses.replace(image, data=image.data[picks], layers=tuple(image.layers[i] for i in picks))
 
 
-def _of_looks(image: SarImage, options: PictureOptions) -> SarImage:
+def _average_looks(image: SarImage, options: PictureOptions) -> SarImage:
     """Image without phase whose power is the mean of spectral looks."""
     channel = options.channel or image.channels[0]
     azimuth, range_ = options.spectral_looks

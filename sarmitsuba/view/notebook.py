@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.radar.swath import lit, outline
+from sarmitsuba.radar.swath import illuminate_points, outline
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.image import Multilook, SarImage, ShownAxes
 from sarmitsuba.view.figure import Figure
@@ -152,7 +152,7 @@ def draw_beam(axes: Axes, radar: Radar, height: float, *, whole: bool = False) -
     for line, style in zip(ends, ("--", "-", ":", "-.")[: len(ends)], strict=True):
         axes.plot(*line.T, style, color=_BEAM, linewidth=1.0)
     east, north = np.meshgrid(np.linspace(*x, _SHADED), np.linspace(*y, _SHADED))
-    share = lit(radar, np.stack([east, north, np.full_like(east, height)], axis=-1)).whole
+    share = illuminate_points(radar, np.stack([east, north, np.full_like(east, height)], axis=-1)).whole
     axes.contourf(east, north, share, levels=[0.5, 1.5], colors=[_BEAM], alpha=0.15)
     axes.set_xlim(x)
     axes.set_ylim(y)

@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection
 
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.scene.mesh.connected import connected
+from sarmitsuba.scene.mesh.topology import label_connected
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.placement import ImagePlacement
 from sarmitsuba.signal.image import ImageGrid, ShownAxes
@@ -71,7 +71,9 @@ def outlines(scene: Scene) -> tuple[Outline, ...]:
     key = np.round(geometry.vertices / _SAME).astype(np.int64)
     _, first, node = np.unique(key, axis=0, return_index=True, return_inverse=True)
     faces = node.reshape(-1)[geometry.faces]
-    part = connected(len(first), faces[:, (0, 1)].reshape(-1), faces[:, (1, 2)].reshape(-1))[faces[:, 0]]
+    part = label_connected(len(first), faces[:, (0, 1)].reshape(-1), faces[:, (1, 2)].reshape(-1))[
+        faces[:, 0]
+    ]
     corner = geometry.vertices[geometry.faces]
     sides = corner[:, 1:, :2] - corner[:, :1, :2]
     area = 0.5 * (sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
@@ -209,7 +211,7 @@ def draw_outlines(axes: Axes, scene: Scene, grid: ImageGrid, shown: ShownAxes) -
         points = np.concatenate([getattr(ring, kind) for ring in rings])
         if scene.radar.all_round:
             points[:, 2] = own.height
-        places = np.stack(shown.shown(*ImagePlacement(own, scene.radar).imaged(points)), axis=-1)
+        places = np.stack(shown.shown(*ImagePlacement(own, scene.radar).locate(points)), axis=-1)
         lines = [places[a:b] for a, b in pairwise(corners)]
         if kind == "top":
             raised = [

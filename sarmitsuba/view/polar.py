@@ -75,7 +75,7 @@ def aspect_figure(
     for i, one in enumerate(curves):
         place = (1, len(curves), i + 1) if polar else (len(curves), 1, i + 1)
         axes = figure.add_subplot(*place, projection="polar" if polar else None)
-        around, *lines = _closed(angle_deg, [one.total, *one.parts.values()], whole=polar)
+        around, *lines = _close_curves(angle_deg, [one.total, *one.parts.values()], whole=polar)
         x = np.radians(around) if polar else around
         for name, line in zip((one.name, *one.parts), lines, strict=True):
             if np.isfinite(line).any() and line.max() >= top - span_db:
@@ -97,7 +97,7 @@ def aspect_figure(
     return figure
 
 
-def _closed(angle: F64, lines: Sequence[F64], *, whole: bool) -> list[F64]:
+def _close_curves(angle: F64, lines: Sequence[F64], *, whole: bool) -> list[F64]:
     """Angle and curves, with the first point repeated at the end if uniformly spaced angles cover the full circle."""
     n = angle.size
     if not whole or float(np.ptp(angle)) * n / (n - 1) < 360.0 - 1e-6:

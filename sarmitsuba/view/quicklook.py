@@ -225,7 +225,7 @@ def quicklook(
     ------
     DataError : an option does not fit the image
     """
-    options = _filled(image, options, channel)
+    options = _fill_options(image, options, channel)
     display = prepare(image, options, LARGEST)
     width, height = screen_size(display, LARGEST, SMALLEST)
     left = _LEFT + max(0, (_NARROWEST - width) // 2)
@@ -268,7 +268,7 @@ def draw(image: SarImage, axes: Axes, options: PictureOptions | None = None) -> 
     ------
     DataError : an option does not fit the image
     """
-    options = _filled(image, options, None)
+    options = _fill_options(image, options, None)
     picture = _draw(axes, prepare(image, options, LARGEST), image, options)
     axes.set_aspect("equal")
     return picture
@@ -286,7 +286,7 @@ def panel(image: SarImage, options: PictureOptions | None = None, *, width: floa
     ------
     DataError : an option does not fit the image
     """
-    options = _filled(image, options, None)
+    options = _fill_options(image, options, None)
     extents = (
         image.grid.shape[0] * image.grid.azimuth_spacing,
         image.grid.shape[1] * image.grid.range_spacing,
@@ -327,7 +327,7 @@ def quicklook_by_order(image: SarImage, options: PictureOptions | None = None, *
     ------
     DataError : the image does not hold the orders separately, or an option does not fit it
     """
-    options = _filled(image, options, None)
+    options = _fill_options(image, options, None)
     orders = bounce_orders(image)
     if not orders:
         raise DataError(
@@ -386,7 +386,7 @@ def save(figure: Figure, path: Path | str) -> None:
             figure.savefig(temporary, format=kind, dpi=_DPI, metadata={dates[kind]: None})
 
 
-def _filled(image: SarImage, options: PictureOptions | None, channel: str | None) -> PictureOptions:
+def _fill_options(image: SarImage, options: PictureOptions | None, channel: str | None) -> PictureOptions:
     """Options with explicit channel and colour map, both checked."""
     options = options or PictureOptions()
     name = channel or options.channel or image.channels[0]

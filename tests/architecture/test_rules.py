@@ -215,3 +215,28 @@ def test_no_file_names_a_place_on_somebodys_machine() -> None:
             continue
         for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
             assert not place.search(line), f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
+
+
+# a function that is called only a participle or a preposition leaves out what it does, and to what
+PREPOSITIONS = (
+    "of at without with in on by after before over under into between beyond about along across against toward "
+    "towards per past within beside behind"
+).split()
+PARTICIPLE = re.compile(
+    r"\w+ed|said|held|known|shown|drawn|taken|given|seen|made|found|kept|left|lost|met|lit|begun|built|sent"
+)
+# nouns and verbs that end alike
+NOT_PARTICIPLES = {"seed", "speed", "feed", "need", "read", "embed", "proceed", "exceed", "bed"}
+
+
+def test_functions_are_named_by_a_verb_and_its_object(house: Any) -> None:
+    """Functions of modules; a constructor ``of`` or ``from_x`` is a method, and hooks begin with ``at_``."""
+    wrong = []
+    for module in house:
+        for node in module.tree.body:
+            if isinstance(node, ast.FunctionDef) and not node.name.startswith("__"):
+                words = node.name.strip("_").split("_")
+                bare = len(words) == 1 and PARTICIPLE.fullmatch(words[0]) and words[0] not in NOT_PARTICIPLES
+                if words[0] in PREPOSITIONS or bare:
+                    wrong.append(f"{module.where}:{node.lineno} {node.name}")
+    assert not wrong, "\n".join(wrong)

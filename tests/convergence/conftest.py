@@ -12,7 +12,7 @@ from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
-from sarmitsuba.signal.raw.direct import box_distance
+from sarmitsuba.signal.direct import box_distance
 
 
 def _straight(slant_range: float, frequency: float, cell: float, n_pulses: int, squint: float) -> Track:

@@ -12,7 +12,7 @@ from sarmitsuba.signal.focusing.focusers.backprojection import backproject, back
 from sarmitsuba.signal.focusing.grid import default_grid
 from sarmitsuba.signal.focusing.ideal import ideal_radar
 from sarmitsuba.signal.metrics import image_error_db
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.raw_data import Layer, RawData
 
 
 def noise_data(radar: Radar, n_layers: int = 1, seed: int = 0) -> RawData:

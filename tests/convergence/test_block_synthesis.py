@@ -7,9 +7,9 @@ import pytest
 
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.track import Track
-from sarmitsuba.signal.raw import direct
-from sarmitsuba.signal.raw.block import choose_block_length, plan_block, spread_reference
-from sarmitsuba.signal.raw.block_synthesis import synthesise
+from sarmitsuba.signal import direct
+from sarmitsuba.signal.block import choose_block_length, plan_block, spread_reference
+from sarmitsuba.signal.block_synthesis import synthesise
 
 
 def _path_lengths(track, plan, a, b):

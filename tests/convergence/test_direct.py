@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.signal.raw.direct import box_distance, finish, plan_direct, spread_reference
-from sarmitsuba.signal.raw.gridding import gridding_kernel
+from sarmitsuba.signal.direct import box_distance, finish, plan_direct, spread_reference
+from sarmitsuba.signal.gridding import gridding_kernel
 
 
 def _run(s, exact, error_db, width, pulses=slice(250, 254), n_paths=200, extra=0.0):

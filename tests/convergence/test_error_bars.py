@@ -9,8 +9,8 @@ from sarmitsuba.loading.load import load_scene
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.metrics import image_error_db
+from sarmitsuba.simulation.execution.error_bars import PASSES, estimate_error
 from sarmitsuba.simulation.execution.raw import echoes
-from sarmitsuba.simulation.execution.refinement.error_bars import PASSES, estimate_error
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.planning.sampling.piece import crop

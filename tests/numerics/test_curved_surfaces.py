@@ -7,8 +7,8 @@ import pytest
 
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.loading.collect import SAGITTA_OVER_WAVELENGTH
-from sarmitsuba.scene.mesh import curvature
-from sarmitsuba.scene.mesh.curvature import facet_curvature
+from sarmitsuba.scene.mesh import smooth_surface as curvature
+from sarmitsuba.scene.mesh.smooth_surface import facet_curvature
 from sarmitsuba.scene.mesh.tessellate import cylinder, sphere
 from sarmitsuba.simulation.execution.rcs import monostatic_rcs
 from sarmitsuba.tracing.kernel.launch import frame_towards, lattice

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from sarmitsuba.apps.datasets.draw import Drawer
-from sarmitsuba.apps.datasets.sample import make_sample
+from sarmitsuba.apps.dataset_draw import Drawer
+from sarmitsuba.apps.dataset_sample import make_sample
 from sarmitsuba.machine.backend import dr, ensure_backend
 
 RECIPE = """
@@ -49,7 +49,8 @@ def history() -> Iterator[None]:
     dr.set_flag(flag, before)
 
 
-@pytest.mark.slow  # tests/unit/test_dataset_recipes.py and tests/cli/test_dataset.py hold the code but for its kernels
+# tests/apps/test_dataset_recipes.py and tests/commands/test_dataset.py hold the code but for its kernels
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["raster", "image", "hybrid"])
 def test_no_kernel_is_compiled_after_the_first_tens(method: str, history: None, tmp_path: Path) -> None:
     path = tmp_path / "r.toml"

@@ -11,7 +11,7 @@ from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
-from sarmitsuba.signal.raw.direct import plan_direct, spread_reference
+from sarmitsuba.signal.direct import plan_direct, spread_reference
 from sarmitsuba.tracing.kernel.accumulators import DirectAccumulator
 from sarmitsuba.tracing.kernel.state import Contribution
 

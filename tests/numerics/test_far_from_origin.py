@@ -8,7 +8,7 @@ import pytest
 import sarmitsuba
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.machine.backend import dr, mi
-from sarmitsuba.scene.mesh.ply import write_ply
+from sarmitsuba.scene.mesh.formats import write_ply
 from sarmitsuba.tracing.kernel.launch import LaunchFrame, LaunchGrid, frame_towards, lattice
 from sarmitsuba.truth.validation.targets import PEC, geometry, parallelogram
 from tests.support.paths import coherent_flags, record_paths

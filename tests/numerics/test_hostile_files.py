@@ -18,11 +18,11 @@ from sarmitsuba.files import read_raw
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.loading.maps import _pixels as read_pixels
 from sarmitsuba.machine import exclusive
+from sarmitsuba.machine.backend import CACHE_VARIABLE, prepare_kernel_cache
 from sarmitsuba.machine.isolated import survive
-from sarmitsuba.machine.kernel_cache import CACHE_VARIABLE, prepare_kernel_cache
 from sarmitsuba.radar.orbit import StateVectors
-from sarmitsuba.signal.raw.raw_data import Layer
-from sarmitsuba.simulation.execution.refinement.running_mean import Passes, PassLayout
+from sarmitsuba.signal.raw_data import Layer
+from sarmitsuba.simulation.execution.passes import Passes, PassLayout
 from tests.support.draws import few_of
 
 # shapes without a material are said to be read as concrete

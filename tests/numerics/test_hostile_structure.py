@@ -21,8 +21,8 @@ from sarmitsuba.loading.load import load_scene
 from sarmitsuba.machine.atomic import make_folder
 from sarmitsuba.machine.journal import Journal
 from sarmitsuba.machine.output import OutputFile, OutputFolder
-from sarmitsuba.signal.raw.raw_data import Layer
-from sarmitsuba.simulation.execution.refinement.running_mean import Passes, PassLayout
+from sarmitsuba.signal.raw_data import Layer
+from sarmitsuba.simulation.execution.passes import Passes, PassLayout
 from sarmitsuba.view.page.run_folder import read_run
 
 pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.core.errors.SarmitsubaWarning")

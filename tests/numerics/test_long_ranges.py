@@ -14,7 +14,7 @@ from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.signal.image import SarImage
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.tracing.kernel.accumulators import phase_factor
 from sarmitsuba.tracing.kernel.launch import frame_towards, lattice
 from sarmitsuba.tracing.kernel.scene_tables import build_trace_scene

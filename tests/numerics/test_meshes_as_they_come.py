@@ -13,7 +13,7 @@ from sarmitsuba.machine.backend import mi
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.mesh.cleaning import clean_mesh
-from sarmitsuba.scene.mesh.ply import write_ply
+from sarmitsuba.scene.mesh.formats import write_ply
 from sarmitsuba.scene.mesh.smooth_groups import smooth_groups
 from sarmitsuba.simulation.execution.rcs import monostatic_rcs
 from sarmitsuba.truth.validation.targets import PEC, geometry, parallelogram

@@ -18,7 +18,7 @@ if hasattr(os, "sched_setaffinity"):
 from sarmitsuba.machine.backend import ensure_backend
 ensure_backend()
 import drjit as dr
-from sarmitsuba.signal.raw.chirp import to_chirped
+from sarmitsuba.signal.chirp import to_chirped
 from sarmitsuba.signal.focusing import focus
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.simulation.execution.render import simulate

@@ -11,7 +11,7 @@ from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.materials.material import Material
-from sarmitsuba.simulation.execution.point_legs import PointLegs
+from sarmitsuba.simulation.execution.points import PointLegs
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene, build_trace_scene
 from tests.support.unweighted import focus
 

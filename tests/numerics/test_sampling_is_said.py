@@ -166,6 +166,7 @@ def test_rays_too_sparse_for_the_cell(scene_file) -> None:
     )
 
 
+@pytest.mark.slow
 def test_rays_too_sparse_for_a_curved_surface(scene_file, row, monkeypatch: pytest.MonkeyPatch) -> None:
     """A sphere whose rays are asked for 0.2 m apart gets the rays it needs; where they are too many, that is said.
 

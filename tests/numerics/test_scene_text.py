@@ -9,8 +9,7 @@ import pytest
 from sarmitsuba.commands.scenes import copy_scene
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.loading.load import load_scene
-from sarmitsuba.loading.references import check_document
-from sarmitsuba.loading.scene_text import read_scene_text
+from sarmitsuba.loading.references import check_document, read_scene_text
 from sarmitsuba.machine.backend import mi
 
 HEADS = (

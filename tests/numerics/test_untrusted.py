@@ -21,7 +21,7 @@ from sarmitsuba.core.errors import DataError, SarmitsubaError, SarmitsubaWarning
 from sarmitsuba.files import read_image, read_raw, write_image, write_raw
 from sarmitsuba.loading.maps import MOST_PIXELS, _pixels
 from sarmitsuba.loading.mesh_files import obj_materials, read_parts
-from sarmitsuba.machine.kernel_cache import CACHE_VARIABLE, prepare_kernel_cache
+from sarmitsuba.machine.backend import CACHE_VARIABLE, prepare_kernel_cache
 from sarmitsuba.radar.image_request import ImageRequest
 from tests.support.unweighted import focus
 

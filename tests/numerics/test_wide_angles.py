@@ -9,7 +9,7 @@ import pytest
 import sarmitsuba
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution.rcs import monostatic_rcs
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.planning.sampling.launch_window import sectors

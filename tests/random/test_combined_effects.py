@@ -12,7 +12,7 @@ from matplotlib.image import imsave
 
 import sarmitsuba
 from sarmitsuba.core.errors import SarmitsubaWarning
-from sarmitsuba.effects.slabs_between import seen_through
+from sarmitsuba.effects.context import seen_through
 from sarmitsuba.loading.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
@@ -300,7 +300,7 @@ def test_a_mixture_keeps_its_fingerprint_in_another_process(tmp_path: Path) -> N
 def test_any_change_of_what_stands_beside_the_mesh_changes_the_fingerprint(tmp_path: Path) -> None:
     scene = drawn(tmp_path, 3, ALL)
     marks = [fingerprint(scene)]
-    for name in ("volumes", "wires", "points", "materials"):
+    for name in ("scatterers", "points", "materials"):
         for i, item in enumerate(getattr(scene, name)):
             for changed in changes(item):
                 items = [*getattr(scene, name)]

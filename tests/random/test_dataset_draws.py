@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import shapely
 
-from sarmitsuba.apps.datasets.draw import Drawer
-from sarmitsuba.apps.datasets.drawn_shapes import hull, lowest_under, relief, separation
-from sarmitsuba.apps.datasets.recipe import PART_NAMES
+from sarmitsuba.apps.dataset_draw import Drawer
+from sarmitsuba.apps.dataset_recipe import PART_NAMES
+from sarmitsuba.apps.dataset_shapes import hull, lowest_under, relief, separation
 from sarmitsuba.core.errors import DataError, SarmitsubaError, SceneError
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.core.arrays import C128, F64
-from sarmitsuba.effects.edge_bound import Aperture, edge_bounds
+from sarmitsuba.effects.bounds import Aperture, edge_bounds
 from sarmitsuba.machine.backend import device_array, dr, ensure_backend, mi
 from sarmitsuba.scene.mesh.sharp_edges import DIRECTIONS, SharpEdges
 from sarmitsuba.tracing.scatterers.edges.diffraction import FringeCurrents

@@ -17,6 +17,7 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.receiver import moving_in_pulse
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.signal.chirp import n_fast_chirped
 from sarmitsuba.signal.focusing import FOCUSERS, default_grid, focus
 from sarmitsuba.signal.focusing.focuser import FocusTask, parse_focuser
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject_numpy
@@ -25,8 +26,7 @@ from sarmitsuba.signal.focusing.pixel_tiles import plan_line
 from sarmitsuba.signal.focusing.profiles import plan_profiles
 from sarmitsuba.signal.focusing.windows import parse_window
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.chirp import n_fast_chirped
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.raw_data import Layer, RawData
 
 # every focuser with every option that changes what it computes
 NAMES = (
@@ -138,7 +138,9 @@ def operator_or_refusal(raw: RawData, grid: ImageGrid, name: str, **options: Any
 
 
 @pytest.mark.filterwarnings("ignore:focus:sarmitsuba.core.errors.SarmitsubaWarning")
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize(
+    "mode", [pytest.param(m, marks=pytest.mark.slow) if m == "orbit" else m for m in MODES]
+)
 def test_adjoint_of_every_focuser_and_mode(mode: str) -> None:
     served: set[str] = set()
     for seed in range(2 if mode == "orbit" else 3):

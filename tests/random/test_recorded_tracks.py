@@ -10,7 +10,7 @@ import scipy.io
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.files import read_raw
 from sarmitsuba.signal.focusing import apply_autofocus_records
-from sarmitsuba.signal.focusing.autofocus import without_trend
+from sarmitsuba.signal.focusing.autofocus import remove_trend
 from tests.support.draws import few_of
 from tests.support.recorded_tracks import Corner, fitted_to_targets, read_targets
 
@@ -80,14 +80,14 @@ def test_a_track_is_found_from_known_corners(tmp_path: Path, seed: int) -> None:
     found = fitted_to_targets(raw, corners, KNOTS)
     wavelength = raw.radar.waveform.wavelength
     even = np.ones(N_PULSES)
-    left = without_trend(raw.radar, found.range_error - error, even) / wavelength
-    put_in = without_trend(raw.radar, error, even) / wavelength
+    left = remove_trend(raw.radar, found.range_error - error, even) / wavelength
+    put_in = remove_trend(raw.radar, error, even) / wavelength
     print(f"largest {np.abs(put_in).max():.2f} wavelengths, left {np.abs(left).max():.4f}")
     assert np.abs(put_in).max() > 0.3
     # tol: a fiftieth of a wavelength, as the issue asks: five corners among sixty points of a twentieth of their field
     assert np.abs(left).max() < 0.02
     assert apply_autofocus_records(raw).metadata["autofocus_records"] == "applied"
-    records = without_trend(raw.radar, raw.autofocus_records["HH"].range_error(wavelength) - error, even)
+    records = remove_trend(raw.radar, raw.autofocus_records["HH"].range_error(wavelength) - error, even)
     assert np.abs(records).max() < 1e-6  # tol: the carrier of the file and that of the test, in float64
 
 
@@ -98,7 +98,7 @@ def left_of_one_corner(folder: Path, seed: int) -> float:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = fitted_to_targets(raw, corners, KNOTS)
-    left = without_trend(raw.radar, found.range_error - error, np.ones(len(error)))
+    left = remove_trend(raw.radar, found.range_error - error, np.ones(len(error)))
     return float(np.abs(left).max() / raw.radar.waveform.wavelength)
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
-from sarmitsuba.scene.mesh.ply import write_ply
+from sarmitsuba.scene.mesh.formats import write_ply
 from scenes.city import city_mesh
 
 _XML = """<!--

@@ -23,7 +23,7 @@ from sarmitsuba.apps.fit.forward_model import ForwardModel
 from sarmitsuba.apps.fit.parsing import parse
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.constants import BOLTZMANN
-from sarmitsuba.signal.raw.noise import add_noise
+from sarmitsuba.signal.noise import add_noise
 from tests.support.differences import box as drawn_box
 
 # pulses of a block: short ones, within which directions do not change

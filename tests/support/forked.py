@@ -13,7 +13,7 @@ import numpy as np
 
 import sarmitsuba
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 SMALL = {
     "slant_range": "1000",

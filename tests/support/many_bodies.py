@@ -18,7 +18,7 @@ from sarmitsuba import (
 )
 from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.scene.materials.material import SurfaceMaps
-from sarmitsuba.scene.materials.texture import Bitmap, in_plan
+from sarmitsuba.scene.materials.texture import Bitmap, place_in_plan
 
 CORNERS = [(i, j, k) for k in (0, 1) for j in (0, 1) for i in (0, 1)]
 QUADS = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
@@ -61,7 +61,7 @@ def city(
     if levels is None and texels[0]:
         levels = rng.uniform(-3.0, 3.0, texels)
     if levels is not None:
-        level = Bitmap(10.0 ** (0.1 * levels), in_plan((-half, -half, half, half)), smooth=True)
+        level = Bitmap(10.0 ** (0.1 * levels), place_in_plan((-half, -half, half, half)), smooth=True)
         soil = Material(
             "soil",
             permittivity=soil.permittivity,

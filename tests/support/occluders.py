@@ -22,8 +22,7 @@ from sarmitsuba import (
     build_scene,
 )
 from sarmitsuba.apps.fit.forward_model import ForwardModel
-from sarmitsuba.apps.fit.needed import At
-from sarmitsuba.apps.fit.parsing import parse
+from sarmitsuba.apps.fit.parsing import At, parse
 from sarmitsuba.core.arrays import C64, C128, F64
 from sarmitsuba.tracing.derivatives.tangents import Displacement
 from tests.support.differences import relative

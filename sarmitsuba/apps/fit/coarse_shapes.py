@@ -122,7 +122,7 @@ def coarse_shapes(
         if not found:
             return values, spread
         if number == 0:
-            in_phase = {mesh for mesh in meshes(found) if shared(found, mesh) > IN_PHASE}
+            in_phase = {mesh for mesh in meshes(found) if share_in_phase(found, mesh) > IN_PHASE}
         elif number > 1:  # the envelopes tell now whether it is the right cycle
             in_phase = set()
         change, farthest = np.zeros(len(values)), 0.0
@@ -232,7 +232,7 @@ def measured_offsets(
     ``numbers`` : only of parts that one of these values moves
     """
     model = look.model
-    parts = _of_values(moving_parts(model, values), numbers)
+    parts = _pick_values(moving_parts(model, values), numbers)
     if not parts:
         return []
     modelled, spectra = echoes(model, values, parts)
@@ -247,11 +247,11 @@ def measured_offsets(
     return found
 
 
-def _of_values(parts: list[MovingPart], numbers: NDArray[np.intp] | None) -> list[MovingPart]:
+def _pick_values(parts: list[MovingPart], numbers: NDArray[np.intp] | None) -> list[MovingPart]:
     return parts if numbers is None else [part for part in parts if part.moves[numbers].any()]
 
 
-def shared(found: Sequence[Measured], mesh: int) -> float:
+def share_in_phase(found: Sequence[Measured], mesh: int) -> float:
     """Share of the echoes of a shape that data and model have in common, in phase, over all looks."""
     own = [one.found for one in found if one.part.mesh == mesh]
     return sum(one.share * one.energy for one in own) / sum(one.energy for one in own)
@@ -270,7 +270,7 @@ def solutions(rows: Sequence[OffsetEquation], numbers: NDArray[np.intp]) -> tupl
     for _ in range(WEIGHED):
         change[numbers] = first
         clear = [row.after(change) for row in rows if not row.period]
-        matrix, right = _weighed(clear, numbers)
+        matrix, right = _weigh_equations(clear, numbers)
         inverse = np.linalg.pinv(matrix, rcond=1e-6)
         first, covariance = inverse @ right, inverse @ inverse.T
     sigma = np.sqrt(np.diag(covariance))
@@ -285,12 +285,12 @@ def solutions(rows: Sequence[OffsetEquation], numbers: NDArray[np.intp]) -> tupl
             round((float(row.factor[numbers] @ drawn) - row.offset) / row.period) for row in cyclic
         )
         if cycles not in seen:
-            seen[cycles] = _solved(rows, numbers, cycles, drawn)
+            seen[cycles] = _solve_changes(rows, numbers, cycles, drawn)
     ordered = sorted(seen.values(), key=lambda one: one[0])[:TRIED]
     return [solved for square, solved in ordered if square < ordered[0][0] + UNLIKELY], sigma
 
 
-def _solved(
+def _solve_changes(
     rows: Sequence[OffsetEquation], numbers: NDArray[np.intp], cycles: Sequence[int], near: F64
 ) -> tuple[float, F64]:
     """Twice minus the log likelihood of changes of some values with given cycles, and these changes.
@@ -305,13 +305,13 @@ def _solved(
     for _ in range(WEIGHED):
         change[numbers] = solved
         weighed = [row.after(change) for row in unwrapped]
-        matrix, right = _weighed(weighed, numbers)
+        matrix, right = _weigh_equations(weighed, numbers)
         solved = np.asarray(np.linalg.lstsq(matrix, right, rcond=1e-6)[0], dtype=np.float64)
     spread = 2.0 * sum(float(np.log(row.sigma)) for row in weighed)
     return float(np.sum((matrix @ solved - right) ** 2)) + spread, solved
 
 
-def _weighed(rows: Sequence[OffsetEquation], numbers: NDArray[np.intp]) -> tuple[F64, F64]:
+def _weigh_equations(rows: Sequence[OffsetEquation], numbers: NDArray[np.intp]) -> tuple[F64, F64]:
     """Matrix and right side of equations over their standard deviations."""
     matrix = np.array([row.factor[numbers] / row.sigma for row in rows])
     return matrix, np.array([row.offset / row.sigma for row in rows])

@@ -120,7 +120,7 @@ def range_errors(
         total = ramped(known).sum(axis=1)
         lit = np.abs(total) > LIT * np.abs(total).max()
         phase = np.zeros(len(total))
-        phase[lit] = unwrapped(total[lit], length)
+        phase[lit] = unwrap_phase(total[lit], length)
         farther = -phase * wavelength / (4.0 * np.pi)
         # all pulses in phase, and without the range errors known so far: what is left is common to all
         summed = (ramped(farther) * np.exp(-1j * phase)[:, None])[lit].sum(axis=0)
@@ -166,7 +166,7 @@ def _path(scores: F64, drift: int, wraps: bool) -> NDArray[np.intp]:
     return np.array(columns[::-1])
 
 
-def unwrapped(values: C128, length: int) -> F64:
+def unwrap_phase(values: C128, length: int) -> F64:
     """Phase (n,), rad, of a sequence, continuous by the phases and slopes of ``length`` values around each one.
 
     The phase changes by less than pi from value to value; the slope by at most a quarter of 2 pi / ``length``.
@@ -184,13 +184,13 @@ def unwrapped(values: C128, length: int) -> F64:
     slope = 2.0 * np.pi * np.where(found > n // 2, found - n, found) / n
     smooth = np.angle(np.take_along_axis(spectra, found[:, None], axis=1)[:, 0]) + slope * half
     # the slope is of use from value to value: it may itself step from pi to -pi
-    ahead = slope[:-1] + 0.5 * _wrapped(np.diff(slope))
-    steps = ahead + _wrapped(np.diff(smooth) - ahead)
+    ahead = slope[:-1] + 0.5 * _wrap_phase(np.diff(slope))
+    steps = ahead + _wrap_phase(np.diff(smooth) - ahead)
     phase = smooth[0] + np.concatenate([[0.0], np.cumsum(steps)])
-    return np.asarray(phase + _wrapped(np.angle(values) - phase))
+    return np.asarray(phase + _wrap_phase(np.angle(values) - phase))
 
 
-def _wrapped(phase: F64) -> F64:
+def _wrap_phase(phase: F64) -> F64:
     """Phases between -pi and pi."""
     return np.asarray(np.angle(np.exp(1j * phase)))
 

@@ -11,22 +11,33 @@ are fitted, :math:`\langle \cos \varphi \rangle` with errors :math:`\varphi` of 
 another scene. There, with K cells that count, one of T values looked at exceeds :math:`\gamma` by chance with a
 probability of at most :math:`T (1 - \gamma^2)^{K - 1}` (Carter, Knapp and Nuttall 1973, for uncorrelated Gaussian
 data).
+
+Standard deviations from the profile of the cost, where that is no parabola over the errors of a value.
+
+The covariance is that of a parabola. A rough surface whose mirror vanishes, or a level below the noise, has a cost that
+rises on one side and is flat on the other. So the cost is followed along the change :math:`C_{\cdot k} / C_{kk}` of all
+values with the k-th, by the covariance C, to either side, to where it rises by 2, which of a parabola is two standard
+deviations (likelihood profiles, to first order in the other values); half the farther side counts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.apps.fit.forward_model import ForwardModel
-from sarmitsuba.apps.fit.material_parameters import Level
+from sarmitsuba.apps.fit.least_squares import Prior, Problem, Solution, cost_of
+from sarmitsuba.apps.fit.material_parameters import Level, MaterialProperty
 from sarmitsuba.apps.fit.measured_looks import ROUNDING, MeasuredLook
+from sarmitsuba.apps.fit.parameter import Parameter
 from sarmitsuba.apps.fit.shape_offsets import echoes, frequencies, moving_parts
 from sarmitsuba.core.arrays import C64, C128, F64, sum_energy
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
+from sarmitsuba.scene.scene import Scene
 
 # coherence from which a shape counts as confirmed: that of phases uniform within an eighth of a turn, so of points that
 # are off by up to a sixteenth of a wavelength, within which data are nearly linear in the values
@@ -121,7 +132,7 @@ def coherences(
     return found, moves
 
 
-def confirmed(looks: Sequence[MeasuredLook], values: F64) -> F64:
+def confirm_values(looks: Sequence[MeasuredLook], values: F64) -> F64:
     """(n_values,) least share of confirmed echoes of the shapes that each value moves, see :class:`Coherence`.
 
     Of a level that of the diffuse echoes of its material, of other values that move no shape that of all echoes in the
@@ -130,7 +141,7 @@ def confirmed(looks: Sequence[MeasuredLook], values: F64) -> F64:
     found, moves = coherences(looks, values)
     out = least(((moves[mesh], one.share) for mesh, one in found.items()), len(values))
     still = ~np.any([np.zeros(len(values), dtype=np.bool_), *moves.values()], axis=0)
-    of_cells = scattered(looks, values)
+    of_cells = measure_scatter(looks, values)
     still[list(of_cells)] = False
     of_cells |= where_changed(looks, values, np.flatnonzero(still))
     for number, one in of_cells.items():
@@ -138,7 +149,7 @@ def confirmed(looks: Sequence[MeasuredLook], values: F64) -> F64:
     return out
 
 
-def scattered(looks: Sequence[MeasuredLook], values: F64) -> dict[int, Coherence]:
+def measure_scatter(looks: Sequence[MeasuredLook], values: F64) -> dict[int, Coherence]:
     """Coherence of the diffuse echoes of every material whose level is fitted, by the number of the value.
 
     The derivative of data by a level in dB is ln(10)/20 of these echoes (of those between two surfaces of the same
@@ -221,9 +232,9 @@ def _coherence(
     samples : of a range cell, which are alike
     changed : spectrum whose cells are compared; None: those of the echoes
     """
-    modelled = focused(model, center, own)
-    measured = modelled + focused(model, center, left)
-    chosen = _own_cells(np.abs(modelled if changed is None else focused(model, center, changed)) ** 2)
+    modelled = focus_spectra(model, center, own)
+    measured = modelled + focus_spectra(model, center, left)
+    chosen = _own_cells(np.abs(modelled if changed is None else focus_spectra(model, center, changed)) ** 2)
     count = int(chosen.sum())
     if count == 0:
         return Coherence()
@@ -252,7 +263,7 @@ def _own_cells(power: F64) -> NDArray[np.bool_]:
     return out.reshape(power.shape)
 
 
-def focused(model: ForwardModel, center: F64, spectrum: C128) -> C128:
+def focus_spectra(model: ForwardModel, center: F64, spectrum: C128) -> C128:
     """Spectra (channels, pulses, frequencies) as an image about a point (channels, azimuths, ranges), energies kept."""
     radar = model.scene.radar
     frequency = frequencies(radar.window.n_samples, radar.window.sample_spacing)
@@ -269,7 +280,7 @@ def weakest_cells(model: ForwardModel, center: F64, measured: C64) -> float:
     """Intensity that ``WEAKEST`` of the cells of data about a point, averaged, are below, a bound of the noise, W."""
     from scipy.ndimage import uniform_filter
 
-    image = focused(model, center, np.fft.fft(measured.astype(np.complex128), axis=-1))
+    image = focus_spectra(model, center, np.fft.fft(measured.astype(np.complex128), axis=-1))
     smooth = uniform_filter(np.abs(image) ** 2, (1, SMOOTHED, SMOOTHED), mode="wrap")
     return float(np.quantile(smooth, WEAKEST))
 
@@ -284,3 +295,76 @@ def _noise(look: MeasuredLook, center: F64, left: C128) -> float:
     weakest = weakest_cells(look.model, center, look.measured)
     residual = float(np.mean(np.abs(np.fft.ifft(left, axis=-1)) ** 2))
     return max(min(weakest, residual), ROUNDING * look.noise.least)
+
+
+# sides of an interval, standard deviations, and by how much the cost of a parabola rises there
+SIDES, RISE = 2.0, 2.0
+# range of rises there within which a cost is taken for a parabola
+PARABOLA = (1.0, 4.0)
+# share of its scale that a standard deviation must have for the cost to be followed, and from which it says nothing
+CURVED, NOTHING = 0.02, 10.0
+# farthest that a cost is followed, standard deviations, and halvings of the last step
+FARTHEST, HALVINGS = 64.0, 5
+# change in dB over which an amplitude is no longer straight
+STRAIGHT_DB = 20.0 / np.log(10.0)
+
+
+def scales(scene: Scene, parameters: tuple[Parameter, ...], values: F64) -> F64:
+    """(n_values,) changes over which data stop being straight in a value: the property, or 8.7 dB; else infinite."""
+    out, row = np.full(len(values), np.inf), 0
+    for parameter in parameters:
+        for name in parameter.names(scene):
+            if isinstance(parameter, MaterialProperty):
+                out[row] = abs(values[row])
+            elif name.endswith("[dB]"):
+                out[row] = STRAIGHT_DB
+            row += 1
+    return out
+
+
+def profile_deviations(
+    problem: Problem, found: Solution, covariance: F64, scale: F64, variances: F64, known: Mapping[int, Prior]
+) -> F64:
+    """(n_values,) standard deviations, at least those of the covariance; infinite where the cost does not rise.
+
+    Parameters
+    ----------
+    found : solution
+    covariance : (n, n) of its values
+    scale : (n,) changes over which data stop being straight in a value
+    variances : of each set's data
+    known : priors by number of the value
+    """
+    sigma = np.sqrt(np.diag(covariance))
+    least = cost_of(found.differences, found.values, known, variances)
+
+    def rise(number: int, sign: float, way: float) -> float:
+        """Rise of the cost so many standard deviations to one side; infinite at impossible values."""
+        tried = found.values + sign * way * covariance[:, number] / sigma[number]
+        if not problem.possible(tried):
+            return np.inf
+        return cost_of(problem.differences(tried), tried, known, variances) - least
+
+    out = np.array(sigma)
+    for number in np.flatnonzero(np.isfinite(sigma) & (sigma > CURVED * scale)):
+        if sigma[number] > NOTHING * scale[number]:
+            out[number] = np.inf
+            continue
+        sides = [_side(partial(rise, int(number), sign)) for sign in (1.0, -1.0)]
+        out[number] = sigma[number] * max(1.0, *(side / SIDES for side in sides))
+    return out
+
+
+def _side(rise: Callable[[float], float]) -> float:
+    """Standard deviations off at which a cost has risen by ``RISE``; ``SIDES`` where it is nearly a parabola."""
+    near, far = 0.0, SIDES
+    if PARABOLA[0] <= rise(far) <= PARABOLA[1]:
+        return SIDES
+    while rise(far) < RISE:
+        near, far = far, 2.0 * far
+        if far > FARTHEST:
+            return float("inf")
+    for _ in range(HALVINGS):
+        middle = 0.5 * (near + far)
+        near, far = (middle, far) if rise(middle) < RISE else (near, middle)
+    return far

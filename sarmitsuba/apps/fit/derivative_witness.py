@@ -98,7 +98,7 @@ def derivative_witnesses(
         if kind.moves and edges:
             by = [p for p in model.parameters if _kind_of(p) == kind.name]
             own = list(model.derivative(values, by=by, edges=False)[1])
-        measured = _measured(model, kind, values, data, seed)
+        measured = _measure_difference(model, kind, values, data, seed)
         if measured is None:
             found[kind.name] = _none(kind)
             continue
@@ -106,7 +106,7 @@ def derivative_witnesses(
             (h * plane.astype(np.complex128) for h, plane in zip(measured.step[kind.rows], own, strict=True)),
             np.zeros(model.shape, dtype=np.complex128),
         )
-        error, energy = (_by_group(x) for x in (predicted - measured.change, measured.change))
+        error, energy = (_sum_groups(x) for x in (predicted - measured.change, measured.change))
         rounding = ROUNDING * float(np.linalg.norm(data))
         # of a change below the rounding of the data no derivative is known
         energy = energy + max(rounding**2 - float(energy.sum()), 0.0) / len(energy)
@@ -131,7 +131,7 @@ def gradient_witnesses(
     """
     found = {}
     for kind in _kinds(model):
-        measured = _measured(model, kind, values, data, seed)
+        measured = _measure_difference(model, kind, values, data, seed)
         if measured is None:
             found[kind.name] = _none(kind)
             continue
@@ -209,7 +209,7 @@ def _rates(model: ForwardModel, parameter: Parameter, n: int) -> list[float]:
     return [float(np.log(10.0)) / 20.0] * n
 
 
-def _measured(
+def _measure_difference(
     model: ForwardModel, kind: _Kind, values: F64, data: C64 | C128, seed: int
 ) -> _Difference | None:
     """The difference along a drawn direction whose own bend is least; None: there are no values on both sides."""
@@ -269,7 +269,7 @@ def _groups(n_pulses: int) -> NDArray[np.intp]:
     return np.arange(n_pulses) * min(GROUPS, n_pulses) // n_pulses
 
 
-def _by_group(data: C128) -> F64:
+def _sum_groups(data: C128) -> F64:
     """Energy of data (channels, pulses, samples) of each group of pulses."""
     power = np.sum(data.real**2 + data.imag**2, axis=(0, 2))
     return np.asarray(np.bincount(_groups(len(power)), power))

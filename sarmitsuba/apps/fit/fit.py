@@ -10,8 +10,7 @@ import numpy as np
 
 from sarmitsuba.apps.fit.coarse_shapes import checked_offsets, coarse_shapes, other_cycles
 from sarmitsuba.apps.fit.coarse_track import coarse_track
-from sarmitsuba.apps.fit.confirmation import CONFIRMED, confirmed
-from sarmitsuba.apps.fit.cost_profiles import profiled, scales
+from sarmitsuba.apps.fit.confirmation import CONFIRMED, confirm_values, profile_deviations, scales
 from sarmitsuba.apps.fit.derivative_witness import derivative_witnesses, is_refuted, warn_of
 from sarmitsuba.apps.fit.form_search import searched_forms
 from sarmitsuba.apps.fit.jacobian import Parameters
@@ -25,18 +24,18 @@ from sarmitsuba.apps.fit.least_squares import (
     cost_of,
     energy,
     known_priors,
-    minimised,
+    minimise,
 )
 from sarmitsuba.apps.fit.measured_looks import MeasuredLook, looks_of
 from sarmitsuba.apps.fit.model_error import EXCESS, error_of_model, misfit
-from sarmitsuba.apps.fit.multilooked import stepped, window_of
+from sarmitsuba.apps.fit.multilooked import fit_multilooked, window_of
 from sarmitsuba.apps.fit.rival_cycles import OUT, Rival, likely, rival_cycles
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.scene.scene import Scene, SceneLike
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 # how often the steps are taken, each time from the cycles of phase that the data confirm more
 RETRIES = 3
@@ -56,7 +55,7 @@ class Fit:
     start, values : (n,) float64, before and after the fit
     steps : (n_steps, n) values on the way: the start, after every round of the coarse start, after every accepted step
     covariance : (n, n) of the values, with the noise power that the residuals show; its diagonal from the profile of
-        the cost where that is no parabola (:mod:`sarmitsuba.apps.fit.cost_profiles`): infinite where the data bound a
+        the cost where that is no parabola (:mod:`sarmitsuba.apps.fit.confirmation`): infinite where the data bound a
         value on one side only, such as the rms height of a surface whose mirror has vanished; and from the residuals
         of parts of the image where these say more, as echoes that the model lacks are no noise
         (:mod:`sarmitsuba.apps.fit.model_error`)
@@ -115,15 +114,15 @@ class Fit:
             "start": self.start.tolist(),
             "values": self.values.tolist(),
             "steps": self.steps.tolist(),
-            "sigma": _known(self.sigma),
-            "bound": _known(self.bound),
-            "confirmed": _known(self.confirmed),
-            "covariance": [_known(row) for row in self.covariance],
+            "sigma": _finite_or_none(self.sigma),
+            "bound": _finite_or_none(self.bound),
+            "confirmed": _finite_or_none(self.confirmed),
+            "covariance": [_finite_or_none(row) for row in self.covariance],
             "costs": list(self.costs),
             "windows": list(self.windows),
             "converged": self.converged,
             "unexplained": self.unexplained,
-            "chi_squared": _known(self.chi_squared),
+            "chi_squared": _finite_or_none(self.chi_squared),
             "witnesses": {kind: one.as_dict() for kind, one in self.witnesses.items()},
         }
 
@@ -165,7 +164,7 @@ class Fit:
         return "\n".join(lines)
 
 
-def _known(numbers: F64) -> list[float | None]:
+def _finite_or_none(numbers: F64) -> list[float | None]:
     """Numbers as JSON has them: None for those that are not finite."""
     return [float(number) if np.isfinite(number) else None for number in numbers]
 
@@ -185,7 +184,7 @@ class _Complex(Problem):
         """See the base class."""
         return [look.measured.astype(np.complex128) - look.model.data(values) for look in self.looks]
 
-    def linearised(self, values: F64) -> tuple[list[Samples], list[Rows]]:
+    def linearise(self, values: F64) -> tuple[list[Samples], list[Rows]]:
         """See the base class."""
         differences: list[Samples] = []
         jacobians: list[Rows] = []
@@ -216,7 +215,7 @@ def fit(
 
     Minimises :math:`\sum |d - m(x)|^2 / \sigma^2` over the complex samples of all looks, each with its own noise, and
     the deviations from the priors with Levenberg-Marquardt steps, see
-    :func:`sarmitsuba.apps.fit.least_squares.minimised`.
+    :func:`sarmitsuba.apps.fit.least_squares.minimise`.
     The covariance is :math:`(2 \sum H / (\sigma^2 s))^{-1}` with s samples per range cell, as the noise is flat over
     the radar's band alone.
 
@@ -267,7 +266,7 @@ def fit(
     numbers = count(1)
     report = None if progress is None else lambda cost: progress(next(numbers), cost)
     if by == "amplitude":
-        return _by_amplitude(looks, known, iterations, report)
+        return _fit_amplitude(looks, known, iterations, report)
     if by != "complex":
         raise SceneError(f"fit: by = {by!r} is neither complex nor amplitude")
     passed = [model.start]
@@ -278,9 +277,9 @@ def fit(
     best = None
     for _ in range(RETRIES):
         if best is None:
-            problem, found = _begun(looks, (start, given), known, iterations, report)
+            problem, found = _begin_fit(looks, (start, given), known, iterations, report)
         else:
-            found = minimised(problem, start, known, iterations, report, again=True)
+            found = minimise(problem, start, known, iterations, report, again=True)
         if best is not None and not _better(problem, found, best, known):
             break
         best = found
@@ -291,26 +290,26 @@ def fit(
         if np.array_equal(start, found.values):
             break
     assert best is not None
-    best, rivals = _beside_rivals(looks, problem, best, known, iterations, report)
+    best, rivals = _try_rivals(looks, problem, best, known, iterations, report)
     # offsets of envelopes that led astray: the steps from where it started are never worse than that
     if not np.array_equal(given, best.steps[0]) and not _lower(problem, best, given, known):
-        found = minimised(problem, given, known, iterations, report, again=True)
+        found = minimise(problem, given, known, iterations, report, again=True)
         if _better(problem, found, best, known):
             best = found
             passed += found.steps
-    share = confirmed(looks, best.values)
+    share = confirm_values(looks, best.values)
     if not problem.edges and not (share[model.moving] >= CONFIRMED).all():
         # edges take most of the time, and change derivatives little where a shape's own echoes are found
         problem = _Complex(looks, edges=True)
-        found = minimised(problem, best.values, known, iterations, report, again=True)
+        found = minimise(problem, best.values, known, iterations, report, again=True)
         passed += found.steps[1:]
         best = replace(found, costs=(*best.costs, *found.costs[1:]))
-        share = confirmed(looks, best.values)
+        share = confirm_values(looks, best.values)
     share = share * likely(rivals, len(best.values))
-    return _concluded(looks, problem, best, known, share, spread, passed, witness=witness)
+    return _conclude_fit(looks, problem, best, known, share, spread, passed, witness=witness)
 
 
-def _concluded(
+def _conclude_fit(
     looks: Sequence[MeasuredLook],
     problem: _Complex,
     best: Solution,
@@ -329,8 +328,8 @@ def _concluded(
     # off by cycles of phase, perhaps: as exact as the envelopes are
     doubtful = (share < CONFIRMED) & model.moving
     scale = scales(model.scene, model.parameters, best.values)
-    deviation = profiled(problem, best, covariance, scale, variances, known)
-    differences, jacobians = problem.linearised(best.values)
+    deviation = profile_deviations(problem, best, covariance, scale, variances, known)
+    differences, jacobians = problem.linearise(best.values)
     shown = error_of_model(looks, differences, jacobians, variances, known)
     covariance[np.diag_indices(len(deviation))] = np.where(shown > EXCESS * deviation, shown, deviation) ** 2
     covariance[doubtful, doubtful] += np.where(np.isnan(spread), np.inf, spread)[doubtful] ** 2
@@ -365,7 +364,7 @@ def _witnesses(
     return found
 
 
-def _begun(
+def _begin_fit(
     looks: Sequence[MeasuredLook],
     starts: Sequence[F64],
     known: Mapping[int, Prior],
@@ -383,13 +382,13 @@ def _begun(
         problem = _Complex(looks, edges=edges)
         for start in starts:
             try:
-                return problem, minimised(problem, start, known, iterations, report)
+                return problem, minimise(problem, start, known, iterations, report)
             except SceneError as failure:
                 failures.append(failure)
     raise failures[-1]
 
 
-def _beside_rivals(
+def _try_rivals(
     looks: Sequence[MeasuredLook],
     problem: Problem,
     best: Solution,
@@ -402,7 +401,7 @@ def _beside_rivals(
     for _ in range(RIVALS):
         if not rivals:
             break
-        found = minimised(problem, rivals[0].values, known, iterations, report, again=True)
+        found = minimise(problem, rivals[0].values, known, iterations, report, again=True)
         if _better(problem, found, best, known):
             best, rivals, tried = found, rival_cycles(looks, found.values, known), []
             continue
@@ -427,14 +426,14 @@ def _lower(problem: Problem, found: Solution, values: F64, known: Mapping[int, P
     return own < cost_of(problem.differences(values), values, known, variances)
 
 
-def _by_amplitude(
+def _fit_amplitude(
     looks: Sequence[MeasuredLook],
     known: Mapping[int, Prior],
     iterations: int,
     report: Callable[[float], None] | None,
 ) -> Fit:
     """Fit to multilooked intensities, with windows from coarse to fine."""
-    found, covariance = stepped(looks, looks[0].model.start, known, iterations, report)
+    found, covariance = fit_multilooked(looks, looks[0].model.start, known, iterations, report)
     none: F64 = np.full(len(found.values), np.nan)
     windows = tuple(window_of(step) for step in range(1, len(found.costs) + 1))
     return _result(looks, found, covariance, none, none, found.steps, windows)

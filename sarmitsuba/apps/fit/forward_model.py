@@ -1,39 +1,186 @@
-"""Raw data of a scene and their derivatives, with rays, blocks of pulses and effects that stay the same."""
+"""Raw data of a scene and their derivatives, with rays, blocks of pulses and effects that stay the same.
+
+Batches of pulses traced with the derivatives of every echo behind its channels.
+
+Raw data of ideal points, and how they change with the radar: differences of their closed form.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.apps.fit.composed_moves import ComposedMoves
-from sarmitsuba.apps.fit.material_parameters import with_material
+from sarmitsuba.apps.fit.material_parameters import change_material
 from sarmitsuba.apps.fit.moving_edges import EdgeBatches
-from sarmitsuba.apps.fit.needed import At, Found, Needed
 from sarmitsuba.apps.fit.parameter import Derivatives, Parameter, Step
-from sarmitsuba.apps.fit.point_changes import PointChanges
+from sarmitsuba.apps.fit.parsing import At, Found, Needed
 from sarmitsuba.apps.fit.radar_parameters import BeamPointing
-from sarmitsuba.apps.fit.tangent_batches import TangentBatches
-from sarmitsuba.core.arrays import C64, F64, I64
+from sarmitsuba.apps.fit.shape_parameters import ComposedMoves
+from sarmitsuba.core.arrays import C64, C128, F64, I64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.core.errors import RadarError, SceneError
+from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.radar.track_errors import turn_axes
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
-from sarmitsuba.simulation.execution.batches import Batch, BatchTracer, built
+from sarmitsuba.signal.raw_data import Layer, RawData
+from sarmitsuba.signal.sub_bands import RangeFilter
 from sarmitsuba.simulation.execution.blocks import Blocks
 from sarmitsuba.simulation.execution.metadata import raw_metadata
+from sarmitsuba.simulation.execution.points import add_points
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
-from sarmitsuba.simulation.execution.tracing import Tracer
+from sarmitsuba.simulation.execution.tracing import (
+    Batch,
+    BatchTracer,
+    KeyPulse,
+    Pulses,
+    Tracer,
+    build_geometry,
+)
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.tracing.derivatives.tangents import MOST, Displacement, StepTables, Tangents
 from sarmitsuba.tracing.kernel.source import Source
+
+if TYPE_CHECKING:
+    from sarmitsuba.tracing.kernel.scene_tables import TraceScene
+
+
+class TangentBatches(BatchTracer):
+    """Tracing of batches with the derivatives of every echo behind its channels.
+
+    The layers of a batch are the channels, their derivatives by a common slant range, by each displacement, by each
+    level and by each property. In a block of pulses derivatives of range rates times the time from the key pulse belong
+    to those by displacements.
+    """
+
+    @property
+    def amplitudes(self) -> int:
+        """Complex numbers of an echo: channels, and those of every derivative."""
+        return super().amplitudes * self.tangents.recorded
+
+    @property
+    def tangents(self) -> Tangents:
+        """Derivatives that are recorded."""
+        assert isinstance(self.tracer.tangents, Tangents)
+        return self.tracer.tangents
+
+    def of_grid(self, pulses: Pulses, grid: C64, share: RangeFilter | None) -> C64:
+        """See the base class."""
+        tangents = self.tangents
+        radar = self.tracer.sampling.scene.radar
+        c = len(radar.channels)
+        moved = c * (1 + len(tangents.displacements))
+        carrier = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
+        farther = pulses.profiles(grid[:moved], partial(make_range_derivative, carrier, share))
+        parts = [pulses.profiles(grid[:c], share), farther]
+        end = c * (1 + tangents.count)
+        if end > moved:
+            parts.append(pulses.profiles(grid[moved:end], share))
+        if tangents.pointing and isinstance(pulses, KeyPulse) and pulses.beam:
+            parts[-1][-2 * c : -c] += pulses.by_azimuth(grid[:c], share)
+        if tangents.rates and isinstance(pulses, KeyPulse) and pulses.each > 1:
+            # slant ranges within the block change by those of the key pulse and by the range rate's times the time
+            turning = pulses.profiles(grid[end:], partial(make_range_derivative, carrier, share))
+            farther[c:] += pulses.plan.tau.astype(np.float32)[:, None] * turning
+        return np.concatenate(parts)
+
+
+def make_range_derivative(carrier: float, share: RangeFilter | None, cycles_per_metre: F64) -> C128:
+    """Factor on the spectrum of range profiles that differentiates by the slant range, rad/m."""
+    factor = -1j * (carrier + 2.0 * np.pi * cycles_per_metre)
+    return np.asarray(factor if share is None else factor * share(cycles_per_metre), dtype=np.complex128)
+
+
+# steps: of phase, rad; of the range, in range cells; of the beam, in half-power half-widths
+PHASE_STEP, CELL_STEP, BEAM_STEP = 0.05, 0.02, 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class PointChanges:
+    """Echoes of the ideal points of a scene, which no other parameter than the radar's changes.
+
+    Parameters
+    ----------
+    scene, flags, trace_scene, sub_bands : see :func:`sarmitsuba.simulation.execution.points.add_points`
+    layers : labels of the data
+
+    Notes
+    -----
+    Derivatives are differences of fourth order of closed forms, 1e-5 of the norm. They ignore that shapes which move
+    may uncover points.
+    """
+
+    scene: Scene
+    flags: KernelFlags
+    trace_scene: TraceScene | None
+    layers: Sequence[Layer]
+    sub_bands: int
+
+    def add(self, data: C64) -> None:
+        """Add the echoes to data (channels, pulses, samples), in place."""
+        if self.scene.points:
+            add_points(self.scene, self.flags, self.trace_scene, data, self.layers, self.sub_bands)
+
+    def _difference(self, changed: Callable[[float], Radar], step: float) -> C128:
+        """Derivative by a number of which the radar is a function."""
+        radar = self.scene.radar
+        shape = len(self.layers), radar.track.n_pulses, radar.window.n_samples
+        total = np.zeros(shape, dtype=np.complex128)
+        for steps, weight in ((1.0, 8.0), (-1.0, -8.0), (2.0, -1.0), (-2.0, 1.0)):
+            data = np.zeros(shape, dtype=np.complex64)
+            replace(self, scene=replace(self.scene, radar=changed(steps * step))).add(data)
+            total += weight * data
+        return np.asarray(total / (12.0 * step))
+
+    def by_antenna(self, direction: F64, aside: F64) -> C128:
+        """Derivative by a displacement of the antenna, (3,) m per unit, with the beam kept on the scene.
+
+        ``aside`` : angle per m, see :class:`sarmitsuba.apps.fit.parameter.Derivatives`
+        """
+        radar = self.scene.radar
+        angles, n = -(aside @ direction).T, len(radar.tracks)
+
+        def changed(x: float) -> Radar:
+            moved = radar.displaced(*[x * direction] * n)
+            return replace(moved, pointing=turn_axes(radar.pointing, x * angles))
+
+        step = PHASE_STEP * radar.waveform.wavelength / (4.0 * np.pi) / float(np.linalg.norm(direction))
+        return self._difference(changed, step)
+
+    def by_range(self, data: C64) -> C128:
+        """Derivative by a slant range common to all points, per m; ``data``: of the points alone."""
+        radar = self.scene.radar
+        window = radar.window
+
+        def changed(x: float) -> Radar:
+            return replace(radar, window=replace(window, start_range=window.start_range - x))
+
+        envelope = self._difference(changed, CELL_STEP * radar.waveform.range_cell)
+        return np.asarray(
+            envelope
+            - 4j * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT * data.astype(np.complex128)
+        )
+
+    def by_pointing(self, axis: int) -> C128:
+        """Derivative by the angle of the beam in azimuth (0) or elevation (1), per rad."""
+        radar = self.scene.radar
+
+        def changed(x: float) -> Radar:
+            angles = np.zeros((radar.track.n_pulses, 2))
+            angles[:, axis] = x
+            return replace(radar, pointing=turn_axes(radar.pointing, angles))
+
+        return self._difference(changed, BEAM_STEP / radar.antenna.per_width[axis])
+
 
 # effects whose echoes have no derivative yet, by the kernel flag that switches them on
 UNSUPPORTED = {
@@ -177,14 +324,16 @@ class ForwardModel:
         traced = self.run.trace_scene
         displaced = not scene.same_shapes(self.scene)
         if displaced:
-            matrices, offsets = self._moved(values)
-            moved = built(scene)
+            matrices, offsets = self._move_points(values)
+            moved = build_geometry(scene)
             number = scene.geometry.face_mesh[moved.geometry_faces].astype(np.uint32)
             traced = moved.displaced_from(traced, number, matrices, offsets)
         elif scene.materials is not self.scene.materials:
             traced = traced.at_frequency(scene.materials, scene.radar.waveform.wavelength)
             if traced.surfaces is not None:
-                traced = replace(traced, surfaces=traced.surfaces.with_levels(with_parts(scene.materials)))
+                traced = replace(
+                    traced, surfaces=traced.surfaces.with_levels(list_with_parts(scene.materials))
+                )
         return At(scene, traced, self.moves(values), displaced)
 
     def moves(self, values: F64) -> ComposedMoves:
@@ -197,7 +346,7 @@ class ForwardModel:
         geometry, rows = here.scene.geometry, here.trace_scene.geometry_faces
         return geometry.vertices[geometry.faces[rows]], geometry.face_mesh[rows]
 
-    def _moved(self, values: F64) -> tuple[F64, F64]:
+    def _move_points(self, values: F64) -> tuple[F64, F64]:
         """(n_meshes, 3, 3) and (n_meshes, 3) m: where the points of every mesh came to with these values."""
         n = len(self.scene.geometry.mesh_names)
         matrices, offsets = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
@@ -223,7 +372,7 @@ class ForwardModel:
         """Raw data (channels, pulses, samples) at some values; None: of the scene as it is."""
         here = self.placed(values)
         layers = self.run.layers
-        data = self._traced(BatchTracer(self.tracer(here), self.rays, layers.per_subset, layers.max_order))
+        data = self._trace(BatchTracer(self.tracer(here), self.rays, layers.per_subset, layers.max_order))
         self._points(here).add(data)
         return data
 
@@ -293,7 +442,7 @@ class ForwardModel:
             tracer = self.tracer(here)
             for one in {tracer, *tracer.by_frequency}:
                 steps = [self._step_tables(here, one, step) for step in some.steps]
-                n_materials = len(with_parts(here.scene.materials))
+                n_materials = len(list_with_parts(here.scene.materials))
                 texels = here.texels(some.texels).tolist()
                 one.tangents = Tangents.of(
                     some.displacements,
@@ -308,7 +457,7 @@ class ForwardModel:
             assert isinstance(tracer.tangents, Tangents)
             layers = 2 + tracer.tangents.count
             batches = TangentBatches(tracer, self.rays, self.shape[0] * layers, 0)
-            planes = list(self._traced(batches, progress).reshape(layers, *self.shape))
+            planes = list(self._trace(batches, progress).reshape(layers, *self.shape))
             data, farther = planes[:2]
             first = 2
             numbers = (len(some.displacements), len(some.levels), len(some.steps), len(some.texels))
@@ -359,7 +508,7 @@ class ForwardModel:
         plain = [replace(d, turn_rate=0.0) for d in displacements]
         for one in {tracer, *tracer.by_frequency}:
             one.tangents = Tangents.of(plain, (), here.trace_scene.n_faces, 0)
-        planes = self._traced(EdgeBatches(tracer, self.rays, self.shape[0] * n, 0))
+        planes = self._trace(EdgeBatches(tracer, self.rays, self.shape[0] * n, 0))
         return list(planes.reshape(n, *self.shape))
 
     @staticmethod
@@ -368,7 +517,7 @@ class ForwardModel:
         wavelength = tracer.kernel.wavelength
         ends = []
         for change in (step.below, step.above):
-            materials = with_material(here.scene, step.material, **change).materials
+            materials = change_material(here.scene, step.material, **change).materials
             materials = tuple(m.at_frequency(SPEED_OF_LIGHT / wavelength) for m in materials)
             ends.append(tracer.trace_scene.at_frequency(materials, wavelength))
         return StepTables(ends[0], ends[1], 1.0 / step.size)
@@ -382,12 +531,12 @@ class ForwardModel:
             data, self.layers, "compressed", radar.as_recorded(), metadata, self.scene.image, flown=flown
         )
 
-    def _traced(self, batches: BatchTracer, progress: Callable[[float], None] | None = None) -> C64:
+    def _trace(self, batches: BatchTracer, progress: Callable[[float], None] | None = None) -> C64:
         """Profiles (layers, pulses, samples) of all batches, subsets weighted by their shares and summed."""
         _, n_pulses, n_samples = self.shape
         out = np.zeros((batches.n_layers, n_pulses, n_samples), dtype=np.complex64)
         self.statistics = TraceStatistics()
-        for batch, pulses, share in self.weighted():
+        for batch, pulses, share in self.weigh():
             traced = batches.trace(batch)
             self.statistics = self.statistics.plus(traced.statistics)
             if progress is not None:
@@ -395,7 +544,7 @@ class ForwardModel:
             out[:, pulses] += share * traced.profiles[:, : pulses.stop - pulses.start]
         return out
 
-    def weighted(self) -> Iterator[tuple[Batch, slice, np.float32]]:
+    def weigh(self) -> Iterator[tuple[Batch, slice, np.float32]]:
         """Every batch, its pulses, and the weight of its profiles."""
         subsets = self.run.layers.subsets
         for batch in self.batches:

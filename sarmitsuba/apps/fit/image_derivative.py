@@ -109,9 +109,9 @@ class ImageDerivative:
         """
         assert self._model is not None
         values: F64 = self._model.start + change
-        return self._focused(self._model.data(values))
+        return self._focus_data(self._model.data(values))
 
-    def _focused(self, data: C64) -> SarImage:
+    def _focus_data(self, data: C64) -> SarImage:
         assert self._model is not None
         return focus(self._model.raw(data), **self._windows)  # type: ignore[arg-type]
 

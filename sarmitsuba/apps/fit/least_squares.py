@@ -51,12 +51,12 @@ def known_priors(names: Sequence[str], priors: Mapping[str, Prior]) -> dict[int,
     short = [name.rsplit(" [", 1)[0] for name in names]
     known = {}
     if not isinstance(priors, Mapping):
-        raise SceneError(f"priors: {_said(priors)} is no mapping; give {{name: Prior(mean, sigma)}}")
+        raise SceneError(f"priors: {_format_given(priors)} is no mapping; give {{name: Prior(mean, sigma)}}")
     for name, prior in priors.items():
         numbers = isinstance(prior, Prior) and isinstance(prior.mean, Real) and isinstance(prior.sigma, Real)
         if not numbers:
             raise SceneError(
-                f"prior of {name!r}: {_said(prior)} is no prior; give sarmitsuba.Prior(mean, sigma)"
+                f"prior of {name!r}: {_format_given(prior)} is no prior; give sarmitsuba.Prior(mean, sigma)"
             )
         if name not in names and name not in short:
             raise SceneError(f"prior of {name!r}: no such parameter; there are {', '.join(names)}")
@@ -80,11 +80,13 @@ def checked_iterations(iterations: object) -> int:
     SceneError : no whole number, or below 1
     """
     if isinstance(iterations, bool) or not isinstance(iterations, Integral) or int(iterations) < 1:
-        raise SceneError(f"fit: iterations = {_said(iterations)} must be a whole number of at least 1")
+        raise SceneError(
+            f"fit: iterations = {_format_given(iterations)} must be a whole number of at least 1"
+        )
     return int(iterations)
 
 
-def _said(given: object) -> str:
+def _format_given(given: object) -> str:
     return one_line(repr(given))
 
 
@@ -105,7 +107,7 @@ class Problem(ABC):
         """Data less model of each set."""
 
     @abstractmethod
-    def linearised(self, values: F64) -> tuple[list[Samples], list[Rows]]:
+    def linearise(self, values: F64) -> tuple[list[Samples], list[Rows]]:
         """The same, with the derivatives of the model (n_values, ...) of each set."""
 
     def possible(self, values: F64) -> bool:
@@ -158,7 +160,7 @@ class Solution:
         return np.asarray(np.sqrt(np.diag(self.covariance(variances, known))), dtype=np.float64)
 
 
-def minimised(
+def minimise(
     problem: Problem,
     start: F64,
     known: Mapping[int, Prior],
@@ -180,7 +182,7 @@ def minimised(
     SceneError : values that the data do not determine at the start
     """
     values = np.asarray(start, dtype=np.float64)
-    differences, jacobians = problem.linearised(values)
+    differences, jacobians = problem.linearise(values)
     steps, costs, damping, converged = [values], [energy(differences)], FIRST_DAMPING, False
     for step in range(1, iterations + 1):
         variances = problem.variances(differences)
@@ -219,7 +221,7 @@ def minimised(
         if converged or step == iterations:
             break
         if not follows:
-            _, jacobians = problem.linearised(values)
+            _, jacobians = problem.linearise(values)
     normals = [normal_equations(j, d)[0] for j, d in zip(jacobians, differences, strict=True)]
     return Solution(values, tuple(steps), differences, normals, tuple(costs), converged)
 

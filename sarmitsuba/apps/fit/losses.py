@@ -11,7 +11,7 @@ import numpy as np
 from sarmitsuba.core.arrays import C64, C128, F64
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.signal.image import block_means
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 if TYPE_CHECKING:
     from sarmitsuba.signal.focusing.operator import FocusingOperator
@@ -40,7 +40,7 @@ class SquaredDifference:
 
     def __post_init__(self) -> None:
         measured = self.measured
-        planes = _by_channel(measured) if isinstance(measured, RawData) else np.asarray(measured)
+        planes = _sum_layers(measured) if isinstance(measured, RawData) else np.asarray(measured)
         if planes.dtype.kind not in "fiuc":
             raise DataError(
                 f"loss: measured is {_kind(measured)}; give raw data, or an array of complex numbers"
@@ -119,7 +119,7 @@ class MultilookDifference:
 
     def multilooked(self, image: C64) -> F64:
         """Values (layers, rows, columns) of a focused image (layers, azimuth, range) to compare."""
-        return multilooked(image, self.looks, amplitude=self.amplitude)
+        return average_looks(image, self.looks, amplitude=self.amplitude)
 
     def __call__(self, data: C64) -> tuple[float, C64]:
         """Value and adjoint data."""
@@ -148,14 +148,14 @@ class MultilookDifference:
         return 0.5 * float(np.sum(difference**2)), adjoint
 
 
-def multilooked(image: C64, looks: tuple[int, int], *, amplitude: bool = False) -> F64:
+def average_looks(image: C64, looks: tuple[int, int], *, amplitude: bool = False) -> F64:
     """Mean intensities of an image (layers, azimuth, range) over blocks of looks, or their roots, float64."""
     power = np.square(image.real, dtype=np.float64) + np.square(image.imag, dtype=np.float64)
     means = np.stack([block_means(layer, looks) for layer in power])
     return np.sqrt(means) if amplitude else means
 
 
-def checked(loss: Loss, data: C64) -> tuple[float, C128]:
+def check_loss(loss: Loss, data: C64) -> tuple[float, C128]:
     """Value and adjoint data of a loss.
 
     Raises
@@ -196,7 +196,7 @@ def _kind(given: object) -> str:
     return "nothing (None)" if given is None else f"a value of type {type(given).__name__}"
 
 
-def _by_channel(raw: RawData) -> C64:
+def _sum_layers(raw: RawData) -> C64:
     """Array (channels, pulses, samples) of range-compressed raw data, layers of a channel summed."""
     if raw.domain != "compressed":
         raise DataError(f"loss: raw data are {raw.domain}; take range-compressed ones, as simulate() gives")

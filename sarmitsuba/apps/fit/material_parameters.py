@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sarmitsuba.apps.fit.parameter import Derivatives, Parameter, Step, quoted
+from sarmitsuba.apps.fit.parameter import Derivatives, Parameter, Step, quote_name
 from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.scene.materials.diffuse_law import LAWS
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ class _OfMaterial(Parameter):
     @property
     def label(self) -> str:  # type: ignore[override]
         """See the base class."""
-        return f"{self.kind}:{quoted(self.material)}"
+        return f"{self.kind}:{quote_name(self.material)}"
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Level(_OfMaterial):
         """See the base class."""
         self._own(scene)
         check_levels(self.label, values)
-        return with_material(scene, self.material, diffuse_level_db=float(values[0]))
+        return change_material(scene, self.material, diffuse_level_db=float(values[0]))
 
     def levels(self, scene: Scene) -> Sequence[frozenset[int]]:
         """See the base class."""
@@ -221,7 +221,7 @@ class MaterialProperty(_OfMaterial):
                 "must be above 0" if least == 0.0 and self.kind != "loss" else f"must be at least {least:g}"
             )
             raise SceneError(f"parameter {self.label} = {value:g} {bound}")
-        return with_material(scene, self.material, **self._field(self._own(scene), value))
+        return change_material(scene, self.material, **self._field(self._own(scene), value))
 
     def steps(self, scene: Scene) -> Sequence[Step]:
         """See the base class."""
@@ -258,19 +258,19 @@ def material_of(scene: Scene, name: str, label: str) -> Material:
     ------
     SceneError : there is none
     """
-    for m in with_parts(scene.materials):
+    for m in list_with_parts(scene.materials):
         if m.name == name:
             return m
-    known = ", ".join(sorted({m.name for m in with_parts(scene.materials)}))
+    known = ", ".join(sorted({m.name for m in list_with_parts(scene.materials)}))
     raise SceneError(f'parameter {label}: no material "{name}"; there are {known}')
 
 
 def numbers_of(scene: Scene, name: str) -> frozenset[int]:
     """Numbers of the kernel's materials of a name."""
-    return frozenset(i for i, m in enumerate(with_parts(scene.materials)) if m.name == name)
+    return frozenset(i for i, m in enumerate(list_with_parts(scene.materials)) if m.name == name)
 
 
-def with_material(scene: Scene, name: str, **changes: float | complex) -> Scene:
+def change_material(scene: Scene, name: str, **changes: float | complex) -> Scene:
     """The scene with changes to all materials of a name, those of maps included."""
 
     def changed(m: Material) -> Material:

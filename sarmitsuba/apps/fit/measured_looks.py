@@ -20,8 +20,8 @@ from sarmitsuba.core.units import db_from_power
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.receiver import moving_in_pulse
 from sarmitsuba.scene.scene import Scene, SceneLike
-from sarmitsuba.signal.raw.noise import noise_power
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.noise import noise_power
+from sarmitsuba.signal.raw_data import RawData
 
 # largest relative difference of the centre frequencies of data and scene
 SAME_CARRIER = 1e-6

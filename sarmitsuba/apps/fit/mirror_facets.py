@@ -53,7 +53,7 @@ class MirrorFacets:
         sides = np.einsum("nik,nik->ni", inward, triangles)
         return MirrorFacets(triangles, normals, inward, sides, np.argsort(-area, kind="stable"), extent)
 
-    def _towards(self, number: I64, antenna: F64) -> tuple[F64, F64]:
+    def _point_towards(self, number: I64, antenna: F64) -> tuple[F64, F64]:
         """Unit normals (n, 3) of triangles towards the antenna, and its distance (n,), m, from their planes."""
         normal = self.normals[number]
         away = np.einsum("nk,nk->n", antenna - self.corners[number, 0], normal)
@@ -70,7 +70,7 @@ class MirrorFacets:
         normal : (n, 3) of the triangles, towards the antenna
         met : (n, 3) m, where the path meets the plane
         """
-        normal, away = self._towards(number, antenna)
+        normal, away = self._point_towards(number, antenna)
         height = np.einsum("nk,nk->n", points - self.corners[number, 0], normal)
         above = height > IN_PLANE * self.extent
         # where the line from the antenna to the image meets the mirror
@@ -94,7 +94,7 @@ class MirrorFacets:
         low, high : (m,) where on the line the part begins and ends, 0 to 1
         """
         some = np.sort(self.largest[: max(1, MOST_PAIRS // max(len(start), 1))])
-        normal, away = self._towards(some, antenna)
+        normal, away = self._point_towards(some, antenna)
         some, normal, away = some[away > 0.0], normal[away > 0.0], away[away > 0.0]
         corners = self.corners[some]
         image = antenna - (2.0 * away)[:, None] * normal

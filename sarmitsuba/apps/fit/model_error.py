@@ -16,11 +16,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sarmitsuba.apps.fit.confirmation import focused, weakest_cells
+from sarmitsuba.apps.fit.confirmation import focus_spectra, weakest_cells
 from sarmitsuba.apps.fit.least_squares import Prior, Rows, Samples
 from sarmitsuba.apps.fit.measured_looks import ROUNDING, MeasuredLook
 from sarmitsuba.core.arrays import C128, F64
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 # parts along either axis of the image over which residuals are alike
 PARTS = 6
@@ -96,7 +96,7 @@ def _sums(look: MeasuredLook, difference: Samples, rows: Rows) -> tuple[F64, F64
     center = look.model.sampling.window.center
 
     def image_of(data: Samples | Rows) -> C128:
-        image = focused(look.model, center, np.fft.fft(np.asarray(data, dtype=np.complex128), axis=-1))
+        image = focus_spectra(look.model, center, np.fft.fft(np.asarray(data, dtype=np.complex128), axis=-1))
         return np.asarray(np.fft.fftshift(image, axes=(1, 2)))
 
     left, images = image_of(difference), [image_of(row) for row in rows]
@@ -105,7 +105,9 @@ def _sums(look: MeasuredLook, difference: Samples, rows: Rows) -> tuple[F64, F64
         own = np.sum(np.abs(image) ** 2, axis=0)
         power += own / max(float(own.sum()), np.finfo(np.float64).tiny)
     edges = [_edges(power.sum(axis=1 - axis)) for axis in (0, 1)]
-    sums = np.stack([_over(np.sum((image.conj() * left).real, axis=0), edges) for image in images], axis=1)
+    sums = np.stack(
+        [_sum_parts(np.sum((image.conj() * left).real, axis=0), edges) for image in images], axis=1
+    )
     flat = np.array([image.ravel() for image in images])
     return sums, np.asarray((flat.conj() @ flat.T).real)
 
@@ -117,7 +119,7 @@ def _edges(power: F64) -> list[int]:
     return [int(x) for x in np.unique(np.linspace(first, last + 1, PARTS + 1).round())]
 
 
-def _over(products: F64, edges: Sequence[Sequence[int]]) -> F64:
+def _sum_parts(products: F64, edges: Sequence[Sequence[int]]) -> F64:
     """Sums of products (rows, columns) over all parts, what lies beyond with the outermost ones."""
     rows, columns = ([0, *own[1:-1]] for own in edges)
     return np.asarray(np.add.reduceat(np.add.reduceat(products, rows, axis=0), columns, axis=1).ravel())

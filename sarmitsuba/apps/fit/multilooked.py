@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from sarmitsuba.apps.fit.cost_profiles import scales
+from sarmitsuba.apps.fit.confirmation import scales
 from sarmitsuba.apps.fit.least_squares import (
     Prior,
     Problem,
@@ -89,7 +89,7 @@ class MultilookedImages(Problem):
             for look, image in zip(self.looks, self.images, strict=True)
         ]
 
-    def linearised(self, values: F64) -> tuple[list[Samples], list[Rows]]:
+    def linearise(self, values: F64) -> tuple[list[Samples], list[Rows]]:
         """See the base class."""
         differences: list[Samples] = []
         jacobians: list[Rows] = []
@@ -119,7 +119,7 @@ def window_of(step: int) -> float:
     return STAGES[step - 1][0]
 
 
-def stepped(
+def fit_multilooked(
     looks: Sequence[MeasuredLook],
     start: F64,
     known: Mapping[int, Prior],
@@ -139,7 +139,7 @@ def stepped(
         if width not in problems:
             problems = {width: MultilookedImages(looks, width)}
         problem = problems[width]
-        differences, jacobians = problem.linearised(values)
+        differences, jacobians = problem.linearise(values)
         variances = problem.variances(differences)
         normal, right, normals = normal_sums(jacobians, differences, variances, values, known)
         check_determined(problem.names, normal, known)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 AXES = "xyz"
 
 
-def quoted(name: str) -> str:
+def quote_name(name: str) -> str:
     """A name as it stands in the text of a parameter: in quotation marks where it holds commas, colons or these."""
     plain = name and name == name.strip() and not any(mark in name for mark in ',:"')
     return name if plain else '"' + name.replace('"', '""') + '"'

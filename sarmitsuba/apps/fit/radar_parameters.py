@@ -12,7 +12,7 @@ from sarmitsuba.core.arrays import C64, F64, I64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import RadarError, SceneError
 from sarmitsuba.core.units import power_from_db
-from sarmitsuba.radar.track_errors import turned
+from sarmitsuba.radar.track_errors import turn_axes
 from sarmitsuba.tracing.derivatives.tangents import PER_DB, Displacement
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ class AntennaTrack(Parameter):
             for angle, turned_beam in zip(found.aside[..., AXES.index(axis)], found.pointed, strict=False):
                 total = total + angle.astype(np.float32)[:, None] * turned_beam
             planes.append(total)
-        return at_knots(planes, found.times, self.knots)
+        return spread_to_knots(planes, found.times, self.knots)
 
 
 @dataclass(frozen=True)
@@ -179,13 +179,13 @@ class BeamPointing(Parameter):
         """See the base class."""
         radar = scene.radar
         angles = knot_weights(radar.track.time, self.knots) @ values.reshape(2, self.knots).T
-        pointing = turned(radar.pointing, angles)
+        pointing = turn_axes(radar.pointing, angles)
         return replace(scene, radar=replace(radar, pointing=pointing))
 
     def derivative(self, found: Derivatives) -> Iterator[C64]:
         """See the base class."""
         # both legs have the beam of the transmission
-        return at_knots(found.pointed, found.times[:1], self.knots)
+        return spread_to_knots(found.pointed, found.times[:1], self.knots)
 
 
 def check_knots(parameter: AntennaTrack | BeamPointing, scene: Scene) -> None:
@@ -220,7 +220,7 @@ def knot_weights(time: F64, knots: int, at: F64 | None = None) -> F64:
     return np.stack([np.interp(time if at is None else at, places, one) for one in np.eye(knots)], axis=1)
 
 
-def at_knots(planes: Sequence[C64], times: Sequence[F64], knots: int) -> Iterator[C64]:
+def spread_to_knots(planes: Sequence[C64], times: Sequence[F64], knots: int) -> Iterator[C64]:
     """Derivatives by values at knots, from those by a value common to all pulses; plane by plane.
 
     ``times``: of transmission, and where the antenna moves on, of reception. Each leg is half of the derivative.

@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba.apps.fit.derivative_witness import gradient_witnesses, warn_of
-from sarmitsuba.apps.fit.edge_points import OfShapes
-from sarmitsuba.apps.fit.forward_model import ForwardModel
+from sarmitsuba.apps.fit.forward_model import ForwardModel, make_range_derivative
 from sarmitsuba.apps.fit.jacobian import Parameters, parameters_of
-from sarmitsuba.apps.fit.losses import SquaredDifference, checked
-from sarmitsuba.apps.fit.moving_edges import EdgeLattices
-from sarmitsuba.apps.fit.needed import At
-from sarmitsuba.apps.fit.tangent_batches import per_metre
+from sarmitsuba.apps.fit.losses import SquaredDifference, check_loss
+from sarmitsuba.apps.fit.moving_edges import EdgeLattices, OfShapes
+from sarmitsuba.apps.fit.parsing import At
 from sarmitsuba.core.arrays import C64, C128, F64, I64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import DataError, SceneError
@@ -24,17 +22,16 @@ from sarmitsuba.core.parameters import one_line
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.machine.exclusive import backend_lock, exclusive, threads
 from sarmitsuba.machine.memory import check_fits
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.scene import Scene, SceneLike
-from sarmitsuba.signal.raw.raw_data import RawData
-from sarmitsuba.simulation.execution.batches import Batch, BatchTracer, Traced
-from sarmitsuba.simulation.execution.pulses import EveryPulse, KeyPulse, Pulses
+from sarmitsuba.signal.raw_data import RawData
+from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, EveryPulse, KeyPulse, Pulses, Traced
 from sarmitsuba.tracing.derivatives.adjoint_grids import AdjointGrids, GradientSum
 from sarmitsuba.tracing.derivatives.tangent_slots import MovingShapes, SlotTangents
 
 if TYPE_CHECKING:
     from sarmitsuba.apps.fit.losses import Loss
-    from sarmitsuba.signal.raw.sub_bands import RangeFilter
+    from sarmitsuba.signal.sub_bands import RangeFilter
     from sarmitsuba.simulation.execution.tracing import Tracer
     from sarmitsuba.simulation.planning.sampling.rays import Rays
     from sarmitsuba.tracing.kernel.accumulators import GridAccumulator
@@ -185,8 +182,8 @@ class Objective:
             wrong = ", ".join(n for n, x in zip(model.names, values, strict=True) if not np.isfinite(x))
             raise SceneError(f"gradient: no finite value of {wrong}")
         data = model.data(values)
-        value, adjoint = checked(self.loss, data)
-        found, memory = transposed(model, adjoint, values, edges=self.edges)
+        value, adjoint = check_loss(self.loss, data)
+        found, memory = apply_transpose(model, adjoint, values, edges=self.edges)
         seen: dict[str, Witness] = {}
         if witness:
 
@@ -194,7 +191,7 @@ class Objective:
             def product(with_edges: bool) -> F64:
                 if with_edges or not (self.edges and model.moving.any()):
                     return found
-                return transposed(model, adjoint, values, edges=False)[0]
+                return apply_transpose(model, adjoint, values, edges=False)[0]
 
             seen = gradient_witnesses(model, values, data, adjoint, product, model.scene.settings.seed)
             warn_of(model.scene.name, seen)
@@ -215,7 +212,7 @@ def _numbers(values: object) -> F64:
         raise SceneError(f"gradient: values {given} are no real numbers; give an array of them") from None
 
 
-def transposed(
+def apply_transpose(
     model: ForwardModel, adjoint: C64 | C128, values: F64 | None = None, *, edges: bool = True
 ) -> tuple[F64, int]:
     r"""Transpose of the Jacobian times data, :math:`\Re J^H g`, and the bytes that it took.
@@ -288,7 +285,7 @@ class _ReversePlan:
         tangents, numbers = SlotTangents.of(
             shapes,
             model.run.plan.max_depth,
-            len(with_parts(scene.materials)) if levelled else 0,
+            len(list_with_parts(scene.materials)) if levelled else 0,
             0 if layer is None or not texels else len(layer.texels),
             rates=model.turning,
         )
@@ -344,7 +341,7 @@ class AdjointBatches(BatchTracer):
         wave = self.tracer.sampling.scene.radar.waveform
         own = self.data[:, pulses.plan.start - self.first : pulses.plan.stop - self.first]
         carrier = 4.0 * np.pi * wave.center_frequency / SPEED_OF_LIGHT
-        by_range = partial(per_metre, carrier, share)
+        by_range = partial(make_range_derivative, carrier, share)
         plain = farther = turning = None
         if self.edges is not None or self.tangents.n_materials or self.tangents.n_texels:
             plain = pulses.adjoint(own, share)
@@ -384,7 +381,7 @@ def _run_back(
 
 def _trace_back(model: ForwardModel, batches: AdjointBatches, adjoint: C64) -> None:
     """Trace all batches against adjoint data (channels, pulses, samples)."""
-    for batch, pulses, share in model.weighted():
+    for batch, pulses, share in model.weigh():
         own = adjoint[:, pulses]
         if not own.any():
             continue

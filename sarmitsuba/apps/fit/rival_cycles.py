@@ -81,7 +81,7 @@ def rival_cycles(looks: Sequence[MeasuredLook], values: F64, known: Mapping[int,
         # cycles of two looks that no change of the values joins leave the parts where they are
         beside = [step for step in _neighbours(found, mesh, moved) if _another(rows, moved, step)]
         steps += [step for step in beside if not _near(rows, moved, step, steps)]
-        tried = [_stepped(values, moved, step) for step in steps]
+        tried = [_step_values(values, moved, step) for step in steps]
         tried = [one for one in tried if looks[0].model.possible(one)]
         if tried:
             shape = _Likelihood.of_shape(looks, values, mesh)
@@ -91,11 +91,11 @@ def rival_cycles(looks: Sequence[MeasuredLook], values: F64, known: Mapping[int,
             ]
             rivals += [rival for rival in found_here if rival.advantage > OUT - UNFITTED * shape.best]
     if len(looks) == 1:
-        rivals += [rival for rival in _of_track(looks[0], values, known) if rival.advantage > OUT]
+        rivals += [rival for rival in _find_track_cycles(looks[0], values, known) if rival.advantage > OUT]
     return sorted(rivals, key=lambda r: -r.advantage)
 
 
-def _of_track(look: MeasuredLook, values: F64, known: Mapping[int, Prior]) -> list[Rival]:
+def _find_track_cycles(look: MeasuredLook, values: F64, known: Mapping[int, Prior]) -> list[Rival]:
     """Other cycles of the antenna's track, which all echoes share."""
     tried = track_cycles(look.model, look.measured, values, known)
     tried = [one for one in tried if np.abs(one - values).max() > LEAST_STEP]
@@ -149,7 +149,7 @@ def _neighbours(found: Sequence[Measured], mesh: int, moved: NDArray[np.intp]) -
     return steps
 
 
-def _stepped(values: F64, moved: NDArray[np.intp], step: F64) -> F64:
+def _step_values(values: F64, moved: NDArray[np.intp], step: F64) -> F64:
     changed = np.array(values)
     changed[moved] += step
     return changed

@@ -226,7 +226,7 @@ def offset(
         at = int(np.argmax(power))
         if power[at] > best:
             best, place = float(power[at]), (float(lags.range[at]), float(s))
-    r, s = _refined(cross, k, along, place, cell, len(azimuths) > 1)
+    r, s = _refine_peak(cross, k, along, place, cell, len(azimuths) > 1)
     turn = np.exp(1j * k * (r + s * along[:, None]))
     c = complex((cross * turn).sum())
     # what the part's own echoes, so moved, leave nearby: the correlation's noise
@@ -278,7 +278,7 @@ class _Lags:
         return np.asarray(np.abs(np.fft.ifft(padded) * len(padded)) ** 2)
 
 
-def _refined(
+def _refine_peak(
     cross: C128, k: F64, along: F64, place: tuple[float, float], cell: float, both: bool
 ) -> tuple[float, float]:
     """Range and azimuth of a correlation's peak, by Newton steps on its squared modulus."""

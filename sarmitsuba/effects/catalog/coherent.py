@@ -7,9 +7,9 @@ import numpy as np
 
 from sarmitsuba.core.errors import SceneError
 from sarmitsuba.core.units import db_from_power
+from sarmitsuba.effects.bounds import facet_bound, flash_bound, mean_clutter, specular_db
 from sarmitsuba.effects.context import PilotResult, SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
-from sarmitsuba.effects.facet_bound import facet_bound, flash_bound, mean_clutter, specular_db
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import names
 
@@ -19,7 +19,7 @@ class Coherent(Effect):
 
     A pilot measures the return of random cells, after any number of bounces. Faces that return specularly are bright in
     too few cells to be met by chance; their return is bounded from the geometry, see
-    :mod:`sarmitsuba.effects.facet_bound`.
+    :mod:`sarmitsuba.effects.bounds`.
     """
 
     name = "coherent"
@@ -53,7 +53,7 @@ class Coherent(Effect):
         if smooth:
             return Assessment(True, f"{names(smooth)} smooth", 0.0)
         if context.pilot is not None and context.pilot.total > 0.0:
-            return _measured(context, context.pilot, max(1, decided["max_depth"].value or 1))
+            return _decide_by_pilot(context, context.pilot, max(1, decided["max_depth"].value or 1))
         if decided["max_depth"].on:
             return Assessment(True, "multi-bounce paths keep a coherent part", 0.0)
         bound = facet_bound(context).over_own_clutter_db
@@ -71,7 +71,7 @@ class Coherent(Effect):
         return {"coherent": on}
 
 
-def _measured(context: SceneContext, pilot: PilotResult, bounces: int) -> Assessment:
+def _decide_by_pilot(context: SceneContext, pilot: PilotResult, bounces: int) -> Assessment:
     """Decision from the pilot, and from the bounds of returns that it may have missed."""
     energy, cell = pilot.energy_db(0, 1, upper=True), pilot.cell_db(0, 1)
     specular, bound = _missed_db(context, pilot, bounces)

@@ -40,10 +40,10 @@ class Diffuse(Effect):
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
     ) -> Mapping[str, FlagValue]:
         """Flags of diffuse scatterers, and of laws that differ between h and v, which need the plane of incidence."""
-        return {"diffuse": on, "polarised_diffuse": on and _polarised(context)}
+        return {"diffuse": on, "polarised_diffuse": on and _is_polarised(context)}
 
 
-def _polarised(context: SceneContext) -> bool:
+def _is_polarised(context: SceneContext) -> bool:
     """Whether hh and vv differ in the table of some material's law."""
     wavelength = context.scene.radar.waveform.wavelength
     return any(diffuse_tables(m, wavelength, _POLARISED_NODES).polarised for m in context.materials)

@@ -52,7 +52,7 @@ class DiffusePairs(Effect):
             )
         if level.share == 0.0:
             return Assessment(False, "pilot: no diffuse surface sees another", -np.inf, measured=True)
-        return _measured(level, context)
+        return _decide_by_level(level, context)
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
@@ -61,7 +61,7 @@ class DiffusePairs(Effect):
         return {"diffuse_pairs": on and decided["diffuse"].on}
 
 
-def _measured(level: PairLevel, context: SceneContext) -> Assessment:
+def _decide_by_level(level: PairLevel, context: SceneContext) -> Assessment:
     tolerance_db = context.tolerance_db
     share, square = (db_from_power(max(x, 1e-30)) for x in (level.share + 2.0 * level.error, level.strongest))
     mean = db_from_power(level.share)

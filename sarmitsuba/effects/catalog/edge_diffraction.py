@@ -9,17 +9,16 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C128, F64, unit_rows
 from sarmitsuba.core.units import db_from_power
+from sarmitsuba.effects.bounds import Aperture, EdgeBounds, edge_bounds
 from sarmitsuba.effects.context import CELL_BELOW_CLUTTER_DB, SceneContext
-from sarmitsuba.effects.edge_bound import Aperture, EdgeBounds, edge_bounds
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import length
 from sarmitsuba.scene.materials.diffuse import diffuse_tables
 from sarmitsuba.scene.materials.fresnel import fresnel
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.materials.material import Material
-from sarmitsuba.scene.mesh.sharp_edges import SharpEdges
-from sarmitsuba.scene.mesh.thin_rims import metal_edges
+from sarmitsuba.scene.mesh.sharp_edges import SharpEdges, metal_edges
 from sarmitsuba.scene.visible_faces import VisibleFaces
 
 # antenna positions, distributed over all, and edges with the largest bounds whose fringe coefficients are computed
@@ -34,7 +33,7 @@ class EdgeDiffraction(Effect):
     r"""Edge diffraction; on where the strongest sharp metal edge, or the energy of all, is above the tolerance.
 
     What an edge adds to physical optics in a resolution cell is at most the bound of
-    :func:`sarmitsuba.effects.edge_bound.edge_bounds`: by the fringe coefficients of its wedge and its least lean out of
+    :func:`sarmitsuba.effects.bounds.edge_bounds`: by the fringe coefficients of its wedge and its least lean out of
     the plane across the line of sight over the whole aperture, straight, and with one or both legs mirrored in level
     ground, times the reflection coefficient of the ground for each. The strongest edge is compared with the clutter or
     the strongest cell found by a pilot; without a pilot, with a cell of the roughest material, or, where nothing is
@@ -79,7 +78,7 @@ class EdgeDiffraction(Effect):
         if not edges.n:
             return Assessment(False, "no sharp metal edge", -np.inf)
         bounces = decided["max_depth"].on and decided["max_depth"].value != 1
-        bound, reference = _added(edges, context, bounces=bounces), _reference(found, context, decided)
+        bound, reference = _bound_edges(edges, context, bounces=bounces), _reference(found, context, decided)
         if bound.cell <= 0.0:
             return Assessment(False, "no metal edge is visible", -np.inf)
         cell, energy = _ratio_db(bound.cell, reference.cell), _ratio_db(bound.energy, reference.energy)
@@ -132,10 +131,10 @@ def _ratio_db(power: float, reference: float) -> float:
     return 0.0 if reference <= 0.0 else db_from_power(power / reference)
 
 
-def _added(edges: SharpEdges, context: SceneContext, *, bounces: bool) -> _Added:
+def _bound_edges(edges: SharpEdges, context: SceneContext, *, bounces: bool) -> _Added:
     """Upper bounds of what edges add, with paths over the ground; energies of different paths add up."""
     aperture = _aperture(context)
-    lit = _lit(edges, context)
+    lit = _find_lit(edges, context)
     ways = [(edges, lit, (False, False), 1.0)]
     ground, lowest = _ground(context) if bounces else ((), np.inf)
     above = edges.middle[:, 2] + 0.5 * edges.length * np.abs(edges.along[:, 2]) > lowest + 1e-3
@@ -156,7 +155,7 @@ def _added(edges: SharpEdges, context: SceneContext, *, bounces: bool) -> _Added
     return _Added(cell, energy)
 
 
-def _lit(edges: SharpEdges, context: SceneContext) -> NDArray[np.bool_]:
+def _find_lit(edges: SharpEdges, context: SceneContext) -> NDArray[np.bool_]:
     """Edges whose bounds meet those of the lit part; all where that is not known."""
     half = 0.5 * edges.length[:, None] * np.abs(edges.along) + 1e-3
     if context.sampling is None:
@@ -169,7 +168,7 @@ def _aperture(context: SceneContext) -> Aperture:
     """Antenna positions distributed over the aperture, and the resolution cell."""
     tracks, facts = context.scene.radar.tracks, context.sampling
     pulses = tracks[0].n_pulses
-    pick = _distributed(pulses)
+    pick = _distribute_positions(pulses)
     places = tracks[0].position[pick]
     flown = tracks[0].position[np.minimum(pick + 1, pulses - 1)] - tracks[0].position[np.maximum(pick - 1, 0)]
     flown = unit_rows(flown)
@@ -187,7 +186,7 @@ def _ground(context: SceneContext) -> tuple[tuple[Material, ...], float]:
     level = np.abs(normal[:, 2]) > LEVEL * np.linalg.norm(normal, axis=1)
     if not level.any():
         return (), np.inf
-    found = with_parts([materials[i] for i in np.unique(geometry.face_material[visible][level])])
+    found = list_with_parts([materials[i] for i in np.unique(geometry.face_material[visible][level])])
     return tuple(found), float(corners[level, :, 2].max(axis=1).min())
 
 
@@ -202,7 +201,7 @@ def _mirror(context: SceneContext, ground: tuple[Material, ...], cosine: float) 
     return found
 
 
-def _distributed(count: int) -> NDArray[np.intp]:
+def _distribute_positions(count: int) -> NDArray[np.intp]:
     """Indices of at most ``POSITIONS`` of so many antenna positions, distributed over all."""
     return np.unique(np.linspace(0, count - 1, min(count, POSITIONS)).astype(int))
 
@@ -241,7 +240,7 @@ def _clutter(context: SceneContext) -> tuple[float, str, float, float]:
     largest = float(np.ptp(sampling.box, axis=0)[:2].prod())
     best, energy = 0.0, 0.0
     for index in np.flatnonzero(area):
-        for material in with_parts([context.scene.materials[index]]):
+        for material in list_with_parts([context.scene.materials[index]]):
             if material.scatters and not material.invisible:
                 table = diffuse_tables(material, wavelength, 3)
                 level = max(float(table.amplitude_h[1]) ** 2, float(table.amplitude_v[1]) ** 2)
@@ -264,20 +263,20 @@ def _facets(found: VisibleFaces, context: SceneContext) -> tuple[float, float]:
     _, plane = np.unique(alike, axis=0, return_inverse=True)
     cell = context.sampling.cell if context.sampling is not None else np.inf
     power = []
-    for place in context.antenna[_distributed(len(context.antenna))]:
+    for place in context.antenna[_distribute_positions(len(context.antenna))]:
         look = place - corners.mean(axis=1)
         distance = np.linalg.norm(place - corners, axis=2)
         cosine = np.abs(np.einsum("ni,ni->n", look, normal)) / np.linalg.norm(look, axis=1)
         # integral of a linear phase over a triangle, from its three corners
         phase = 2.0 * context.wavenumber * (distance - distance.min())
-        share = 0.5 * size * np.exp(-1j * phase[:, 0]) * _over_triangle(phase - phase[:, :1]) * cosine
+        share = 0.5 * size * np.exp(-1j * phase[:, 0]) * _average_over_triangle(phase - phase[:, :1]) * cosine
         total = np.abs(_sums(plane.reshape(-1), share))
         power.append(np.square(np.minimum(total, cell**2)))
     factor = context.wavenumber**2 / np.pi
     return factor * float(np.max(power)), factor * float(np.mean(power, axis=0).max())
 
 
-def _over_triangle(phase: F64) -> C128:
+def _average_over_triangle(phase: F64) -> C128:
     r"""Mean of :math:`e^{-j \phi}` over triangles whose corners have these phases (n, 3), the first of them 0."""
     b, c = phase[:, 1], phase[:, 2]
 

@@ -47,7 +47,7 @@ class MaxDepth(Effect):
         if context.pilot is None:
             why = f"more than one bounce is possible and the run is too short for a pilot: {DEFAULT_DEPTH} are traced"
             return Assessment(True, why, 0.0, DEFAULT_DEPTH)
-        return _measured(context.pilot, context.tolerance_db)
+        return _find_depth(context.pilot, context.tolerance_db)
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
@@ -58,7 +58,7 @@ class MaxDepth(Effect):
         return {"multi_bounce": depth > 1 or bool(context.seen_through)}
 
 
-def _measured(pilot: PilotResult, tolerance_db: float) -> Assessment:
+def _find_depth(pilot: PilotResult, tolerance_db: float) -> Assessment:
     """Least number of bounces after which the rest is below the tolerance, two standard errors included."""
     depth = pilot.enough(tolerance_db) or pilot.n_orders
     over = "clutter" if pilot.clutter > 0 else "peak"

@@ -48,14 +48,14 @@ class Trajectory(Effect):
         receiver = scene.radar.receiver
         radar = replace(
             scene.radar,
-            track=_straightened(track),
+            track=_straighten_track(track),
             recorded=None,
-            receiver=receiver and _straightened(receiver),
+            receiver=receiver and _straighten_track(receiver),
         )
         return replace(scene, radar=radar)
 
 
-def _straightened(track: Track) -> Track:
+def _straighten_track(track: Track) -> Track:
     position = _fit(track)
     time = np.linspace(track.time[0], track.time[-1], track.n_pulses)
     velocity = (position[-1] - position[0]) / max(float(time[-1] - time[0]), 1e-12)

@@ -8,16 +8,16 @@ import numpy as np
 from sarmitsuba.core.arrays import C128, F64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.units import db_from_amplitude
+from sarmitsuba.effects.bounds import angles_known, facet_bound, specular_db
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
-from sarmitsuba.effects.facet_bound import angles_known, facet_bound, specular_db
 from sarmitsuba.scene.materials.diffuse import diffuse_tables, water_in
 from sarmitsuba.scene.materials.fresnel import fresnel
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.materials.sea_spectrum import angular_frequency
 from sarmitsuba.scene.materials.slab import COSINES, slab_coefficients
 from sarmitsuba.scene.scatterers import SCATTERERS, is_own
-from sarmitsuba.signal.raw.sub_bands import SubBands
+from sarmitsuba.signal.sub_bands import SubBands
 
 # least number of traced frequencies (exact for changes linear in frequency), and the largest number
 LEAST_SUB_BANDS, MOST_SUB_BANDS = 2, 16
@@ -93,7 +93,7 @@ class Wideband(Effect):
         method = context.scene.settings.method
         if method == "raster":
             return Assessment(False, "method raster uses the level at the carrier", -np.inf)
-        found, (count, whose) = self._of_materials(context, decided), _of_extensions(context)
+        found, (count, whose) = self._of_materials(context, decided), _ask_extensions(context)
         if count <= (found.value or 1):
             return found
         wave = context.scene.radar.waveform
@@ -154,7 +154,7 @@ class Wideband(Effect):
         return Assessment(True, why, error, count, note=note)
 
 
-def _of_extensions(context: SceneContext) -> tuple[int, str]:
+def _ask_extensions(context: SceneContext) -> tuple[int, str]:
     """Frequencies that scatterers and effects of a user's own ask for, and the name of the one that asks for most."""
     switches = context.scene.settings.effects
     own = [target.kind for target in context.scene.scatterers if is_own(target)]

@@ -23,8 +23,8 @@ from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.parameters import printable
 from sarmitsuba.files.cphd_document import LAYOUT, PROFILE, CphdRecording, GroundArea, document
-from sarmitsuba.files.extras import formats_package
 from sarmitsuba.files.formats import FORMATS, FileFormat
+from sarmitsuba.files.labelled import formats_package
 from sarmitsuba.files.nga import LETTERS, plain_xml, read_apart, read_utc, refuse_document_type
 from sarmitsuba.files.phase_history import PhaseHistory, raw_of
 from sarmitsuba.machine.atomic import atomic_path
@@ -34,7 +34,7 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.utc import utc_after
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 if TYPE_CHECKING:
     import lxml.etree
@@ -135,13 +135,13 @@ def _vectors(radar: Radar) -> NDArray[np.void]:
 def _frequencies(radar: Radar) -> F64:
     """Frequencies of the samples, Hz: those of the padded profile's transform that lie in the band."""
     window, wave = radar.window, radar.waveform
-    n = _padded(radar)
+    n = _pad_radar(radar)
     step = SPEED_OF_LIGHT / (2.0 * n * window.sample_spacing)
     half = int(np.floor(0.5 * wave.bandwidth / step))
     return np.asarray(wave.center_frequency + step * np.arange(-half, half + 1))
 
 
-def _padded(radar: Radar) -> int:
+def _pad_radar(radar: Radar) -> int:
     return int(scipy.fft.next_fast_len(int(np.ceil(_PADDING * radar.window.n_samples))))
 
 
@@ -150,7 +150,7 @@ def _history(profiles: C64, radar: Radar, frequency: F64) -> C64:
     there, back = _slant_vectors(radar)
     reference = 0.5 * (there + back)
     window, fc = radar.window, radar.waveform.center_frequency
-    n, half = _padded(radar), frequency.size // 2
+    n, half = _pad_radar(radar), frequency.size // 2
     level = there * back / radar.amplitude_constant * window.sample_spacing / radar.waveform.range_cell
     wave = 4.0 * np.pi / SPEED_OF_LIGHT
     out = np.empty((profiles.shape[0], frequency.size), dtype=np.complex64)

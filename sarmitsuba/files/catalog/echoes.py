@@ -14,7 +14,7 @@ from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.parameters import one_line, printable
 from sarmitsuba.files.echo_header import EchoHeader, read_header
 from sarmitsuba.files.formats import FORMATS, FileFormat
-from sarmitsuba.files.mat_file import load_mat
+from sarmitsuba.files.phase_history import load_mat
 from sarmitsuba.machine.isolated import survive
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.image_request import ImageRequest
@@ -24,9 +24,9 @@ from sarmitsuba.radar.receiver import later
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.utc import utc_after
 from sarmitsuba.radar.waveform import Waveform
+from sarmitsuba.signal.doppler_estimate import estimate_doppler
 from sarmitsuba.signal.image import UNCALIBRATED
-from sarmitsuba.signal.raw.doppler_estimate import estimate_doppler
-from sarmitsuba.signal.raw.raw_data import DATA_FILE, Layer, RawData
+from sarmitsuba.signal.raw_data import DATA_FILE, Layer, RawData
 
 # samples at either end of the swath that the image leaves out: pixels are interpolated from their neighbours
 _RIM = 4

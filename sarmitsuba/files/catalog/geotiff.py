@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.files.extras import formats_package
 from sarmitsuba.files.formats import FORMATS, FileFormat
 from sarmitsuba.files.geocoding import MapGrid, NorthUp, north_up, warn_unplaced
+from sarmitsuba.files.labelled import formats_package
 from sarmitsuba.machine.atomic import atomic_path
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.pixel_labels import Labels

@@ -23,7 +23,7 @@ import numpy as np
 from sarmitsuba.core.arrays import C64, check_pulses
 from sarmitsuba.core.constants import SUBSET_SHARES
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.files import groups
+from sarmitsuba.files import hdf5_file as groups
 from sarmitsuba.files.formats import FORMATS, FileFormat
 from sarmitsuba.files.hdf5_file import check_shape, read_grid, read_hdf5, write_grid, write_hdf5
 from sarmitsuba.machine.encoding import json_value, to_json
@@ -34,7 +34,7 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 from sarmitsuba.signal.image import SarImage
-from sarmitsuba.signal.raw.raw_data import AutofocusRecords, Layer, RawData, channels_of
+from sarmitsuba.signal.raw_data import AutofocusRecords, Layer, RawData, channels_of
 
 # fields of a radar that are stored elsewhere
 _ELSEWHERE = ("track", "offset", "recorded", "receiver", "receiver_pointing", "delay", "anchor")

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.files.formats import FORMATS, FileFormat
-from sarmitsuba.files.mat_file import load_mat
-from sarmitsuba.files.phase_history import PhaseHistory, joined, raw_of
+from sarmitsuba.files.phase_history import PhaseHistory, join_parts, load_mat, raw_of
 from sarmitsuba.machine.isolated import survive
 from sarmitsuba.radar.polarisation import CHANNELS
-from sarmitsuba.signal.raw.raw_data import AutofocusRecords, RawData
+from sarmitsuba.signal.raw_data import AutofocusRecords, RawData
 
 _STRUCT = "data"
 _NEEDED = ("fp", "freq", "x", "y", "z", "r0")
@@ -48,7 +47,7 @@ def read_raw(path: Path) -> RawData:
     for file in files:
         history = read_history(file)
         parts.setdefault(history.channel, []).append(history)
-    return raw_of([joined(channel) for channel in parts.values()])
+    return raw_of([join_parts(channel) for channel in parts.values()])
 
 
 def read_history(path: Path) -> PhaseHistory:

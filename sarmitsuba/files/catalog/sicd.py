@@ -12,8 +12,8 @@ import numpy as np
 
 from sarmitsuba.core.arrays import C64
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.files.extras import formats_package
 from sarmitsuba.files.formats import FORMATS, FileFormat
+from sarmitsuba.files.labelled import formats_package
 from sarmitsuba.files.nga import plain_xml, read_apart, refuse_document_type
 from sarmitsuba.files.sicd_document import Axes, document, image_of
 from sarmitsuba.machine.atomic import atomic_path
@@ -33,7 +33,7 @@ def write_image(path: Path, image: SarImage) -> None:
     """
     sarkit = formats_package("sarkit.sicd", f"{path}: SICD files need")
     flight = Collection.read(image.metadata.get("focus", {}), str(path))
-    against = _without_grid(image.grid.kind, flight)
+    against = _describe_without_grid(image.grid.kind, flight)
     if against:
         raise DataError(f"{path}: {against}")
     for channel in image.channels:
@@ -57,10 +57,12 @@ def write_image(path: Path, image: SarImage) -> None:
 
 def objection(radar: Radar, kind: str) -> str:
     """Reason why an image on a kind of grid cannot be written, for checks before a run; empty where it can."""
-    return _without_grid(kind, Collection.read({**signal_facts(radar), **flight_facts(radar)}, "the radar"))
+    return _describe_without_grid(
+        kind, Collection.read({**signal_facts(radar), **flight_facts(radar)}, "the radar")
+    )
 
 
-def _without_grid(kind: str, flight: Collection) -> str:
+def _describe_without_grid(kind: str, flight: Collection) -> str:
     if kind != "slant" or flight.straight_and_level:
         return ""
     return (

@@ -1,6 +1,10 @@
-"""Model of a city in the scene's frame: position, ground, buildings, meshes."""
+"""Model of a city in the scene's frame: position, ground, buildings, meshes.
 
-from collections.abc import Callable
+Attributes of buildings from OpenStreetMap tags and equivalent properties of other maps.
+"""
+
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -8,24 +12,30 @@ import numpy as np
 
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import SceneError
-from sarmitsuba.loading.importing.buildings import FOOT, Building, add_building
+from sarmitsuba.loading.importing.buildings import (
+    FOOT,
+    GABLED,
+    PYRAMIDS,
+    Building,
+    add_building,
+    add_pavement,
+    rise,
+)
 from sarmitsuba.loading.importing.facades import FacadeBuilder
 from sarmitsuba.loading.importing.import_options import ImportOptions
 from sarmitsuba.loading.importing.parts import Parts
-from sarmitsuba.loading.importing.pavement import add_pavement
 from sarmitsuba.loading.importing.places import (
     LOCAL,
     WIDEST,
     Places,
-    beside,
     check_width,
     local_of_geodetic,
     middle,
-    on_plane,
+    project_onto_plane,
     try_conversion,
+    unwrap_longitude,
 )
 from sarmitsuba.loading.importing.polygons import triangulate_in_space, why_unusable
-from sarmitsuba.loading.importing.roofs import GABLED, PYRAMIDS, rise
 from sarmitsuba.loading.importing.source_format import BuildingFootprint, CitySource, Solid
 from sarmitsuba.loading.importing.terrain import HeightRaster, read_raster, terrain_mesh
 from sarmitsuba.loading.names_of_materials import DEFAULT, check_chosen, is_doubtful, kind_of
@@ -250,7 +260,7 @@ class _Place:
             points, margin = np.degrees([[self.known.longitude, self.known.latitude]]), options.radius
         else:
             return None
-        points[:, 0] = beside(points[:, 0], points[0, 0])
+        points[:, 0] = unwrap_longitude(points[:, 0], points[0, 0])
         step = np.degrees(margin / 6.37e6) / np.array(
             [max(np.cos(np.radians(points[:, 1]).max()), 0.01), 1.0]
         )
@@ -290,7 +300,7 @@ class _Place:
         if raster is not None:
             geodetic = self.geodetic(points)
             return local_of_geodetic(self.anchor, geodetic, raster.at(geodetic))
-        flat = points if self.crs == LOCAL else on_plane(self.anchor, self.places.geodetic(points))
+        flat = points if self.crs == LOCAL else project_onto_plane(self.anchor, self.places.geodetic(points))
         return np.column_stack([flat, np.zeros(len(flat))])
 
 
@@ -341,7 +351,9 @@ def _add_footprints(
             source.skip(why_unusable(polygon), one.name)
             continue
         tags = {"walls": one.wall_material, "roofs": one.roof_material}
-        own = {part: _tagged(source, part, tag, options, materials[part]) for part, tag in tags.items()}
+        own = {
+            part: _choose_by_tag(source, part, tag, options, materials[part]) for part, tag in tags.items()
+        }
         buildings.append(_building(one, polygon, corners[:, 2], options, own, raster is not None))
         names.append(one.name)
     away = [float(np.hypot(*b.polygon.centroid.coords[0])) for b in buildings]
@@ -368,7 +380,7 @@ def _add_footprints(
     return buildings
 
 
-def _tagged(source: CitySource, part: str, tag: str, options: ImportOptions, default: str) -> str:
+def _choose_by_tag(source: CitySource, part: str, tag: str, options: ImportOptions, default: str) -> str:
     """Material of a building's walls or roofs: as chosen, else by its tag; guesses and unknown tags are counted."""
     if part in options.materials or not tag:
         return default
@@ -499,3 +511,89 @@ def _counts(
             + ("" if o.demanded else "; assumed, --facades none leaves walls plain")
         )
     return [*lines, f"{name}: {parts.n_triangles} triangles in all"]
+
+
+Tags = Mapping[str, object]
+
+_NUMBER = re.compile(r"\s*([-+]?\d+(?:[.,]\d+)?)\s*(m|ft|'|)\s*", re.IGNORECASE)
+_FOOT = 0.3048
+# the tallest building has 828 m and 163 storeys
+_TALLEST, _MOST_LEVELS = 1200.0, 300.0
+_HEIGHTS = ("height", "building:height", "HEIGHT", "Height", "measuredHeight", "building_height")
+_LEVELS = ("building:levels", "levels", "num_floors", "storeys")
+
+
+def is_building(tags: Tags) -> bool:
+    """Whether the tags are those of a building, or of a part of a building, above the ground."""
+    kind = str(tags.get("building") or tags.get("building:part") or "no")
+    return kind != "no" and tags.get("location") != "underground"
+
+
+def metres(value: object) -> float:
+    """Length in metres from ``12``, ``12 m``, ``12,5`` or ``40'``; nan if malformed."""
+    if isinstance(value, bool):
+        return np.nan
+    if isinstance(value, int | float):
+        return float(value) if abs(value) < 1e6 else np.nan
+    found = _NUMBER.fullmatch(str(value)[:40])
+    if not found:
+        return np.nan
+    return float(found[1].replace(",", ".")) * (_FOOT if found[2].lower() in ("ft", "'") else 1.0)
+
+
+def footprint(
+    source: CitySource, name: str, polygon: "shapely.Polygon", tags: Tags, options: ImportOptions
+) -> BuildingFootprint | None:
+    """Footprint of a building with the attributes in its tags; None, counted as skipped, if its heights contradict.
+
+    A ``height`` extends from the ground to the top of the roof; ``building:levels`` exclude those of the roof.
+    """
+    storey = options.storey
+    levels = _positive(source, name, tags, _LEVELS, _MOST_LEVELS, "storeys")
+    roof = _positive(source, name, tags, ("roof:height",), _TALLEST, "roof heights")
+    roof_levels = metres(tags.get("roof:levels"))
+    if np.isnan(roof) and roof_levels > 0.0:
+        roof = roof_levels * storey
+    height = _positive(source, name, tags, _HEIGHTS, _TALLEST, "heights")
+    if np.isnan(height) and levels > 0.0:
+        height = levels * storey + (roof if roof > 0.0 else 0.0)
+    elif np.isnan(height):
+        height = options.height
+        source.assume(f"buildings without a height, {height:g} m taken", name)
+    elif levels > 0.0:
+        storey = float(np.clip(height / levels, 2.0, 6.0))
+    above = metres(tags.get("min_height", tags.get("building:min_height")))
+    if np.isnan(above):
+        above = metres(tags.get("building:min_level")) * storey
+    above = 0.0 if np.isnan(above) else above
+    if not 0.0 <= above < height:
+        source.skip("buildings whose min_height is not below their height", name)
+        return None
+    return BuildingFootprint(
+        name,
+        polygon,
+        height,
+        above,
+        roof=roof,
+        roof_shape=str(tags.get("roof:shape", "")),
+        across=tags.get("roof:orientation") == "across",
+        storey=storey,
+        wall_material=str(tags.get("building:material", tags.get("building:facade:material", ""))),
+        roof_material=str(tags.get("roof:material", "")),
+        is_part="building:part" in tags,
+    )
+
+
+def _positive(
+    source: CitySource, name: str, tags: Tags, keys: tuple[str, ...], most: float, what: str
+) -> float:
+    """Value of the first tag present; nan if none is, or (counted) if it is no number above 0."""
+    value = next((tags[key] for key in keys if tags.get(key) not in (None, "")), None)
+    if value is None:
+        return np.nan
+    number = metres(value)
+    if not 0.0 < number <= most:
+        if number != 0.0:
+            source.assume(f"{what} that are no number from 0 to {most:g}, ignored", name)
+        return np.nan
+    return number

@@ -14,12 +14,11 @@ from sarmitsuba.core.parameters import one_line, printable
 from sarmitsuba.loading.importing.city_model import Model, make_model
 from sarmitsuba.loading.importing.import_options import ImportOptions
 from sarmitsuba.loading.importing.source_format import find_source
-from sarmitsuba.machine.atomic import atomic_path, process_of_part
+from sarmitsuba.machine.atomic import atomic_path, process_of_part, removed_if_stopped
 from sarmitsuba.machine.output import OutputFile, OutputFolder, output_folder
 from sarmitsuba.machine.regular_files import is_inside
-from sarmitsuba.machine.unfinished import removed_if_stopped
 from sarmitsuba.scene.materials.typical import typical_of
-from sarmitsuba.scene.mesh.ply import write_ply
+from sarmitsuba.scene.mesh.formats import write_ply
 
 _SCENE = """<!--
 {title}

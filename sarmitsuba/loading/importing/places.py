@@ -56,7 +56,7 @@ class Places:
         """
         xy = np.asarray(points, dtype=np.float64).reshape(-1, 2)
         if self.crs != WGS84:
-            xy = projected(xy, self.crs, WGS84, self.where)
+            xy = project_points(xy, self.crs, WGS84, self.where)
         bad = ~(np.isfinite(xy).all(axis=1) & (np.abs(xy[:, 0]) <= 360.0) & (np.abs(xy[:, 1]) <= 90.0))
         if bad.any():
             x, y = np.asarray(points, dtype=np.float64).reshape(-1, 2)[np.argmax(bad)]
@@ -77,7 +77,7 @@ def _system(crs: str) -> "CRS":
         return CRS.from_user_input(crs)
 
 
-def projected(points: F64, crs: str, wanted: str, where: str) -> F64:
+def project_points(points: F64, crs: str, wanted: str, where: str) -> F64:
     """Coordinates (n, 2) converted to another system.
 
     Raises
@@ -129,7 +129,7 @@ def try_conversion(points: F64, crs: str, where: str) -> None:
         return
 
     def convert() -> None:
-        projected(projected(points, crs, WGS84, where), WGS84, crs, where)
+        project_points(project_points(points, crs, WGS84, where), WGS84, crs, where)
 
     try:
         survive(points.nbytes, convert)
@@ -143,7 +143,7 @@ def local_of_geodetic(anchor: Anchor, longitude_latitude: F64, height: float | F
     return anchor.from_geodetic(np.stack([lat, lon, np.broadcast_to(height, lat.shape)], axis=-1))
 
 
-def on_plane(anchor: Anchor, longitude_latitude: F64) -> F64:
+def project_onto_plane(anchor: Anchor, longitude_latitude: F64) -> F64:
     """Projection of longitude and latitude (deg) along the ellipsoid's normals onto the plane z = 0, (n, 2), m."""
     lon, lat = np.radians(longitude_latitude.T)
     up = (
@@ -153,16 +153,16 @@ def on_plane(anchor: Anchor, longitude_latitude: F64) -> F64:
     return np.asarray(foot[:, :2] - foot[:, 2:] / up[:, 2:] * up[:, :2])
 
 
-def beside(longitude: ArrayLike, reference: float) -> F64:
+def unwrap_longitude(longitude: ArrayLike, reference: float) -> F64:
     """Longitudes, deg, within 180 deg of a reference: continuous across the antimeridian."""
     return np.asarray(reference + (np.asarray(longitude) - reference + 180.0) % 360.0 - 180.0)
 
 
 def middle(longitude_latitude: F64, height: float = 0.0) -> Anchor:
     """Anchor in the middle of the bounds of points (deg), rounded as in scene files."""
-    continuous = beside(longitude_latitude[:, 0], longitude_latitude[0, 0])
+    continuous = unwrap_longitude(longitude_latitude[:, 0], longitude_latitude[0, 0])
     lon, lat = (round(0.5 * float(v.min() + v.max()), 8) for v in (continuous, longitude_latitude[:, 1]))
-    return Anchor.of_degrees(lat, float(beside(lon, 0.0)), round(height, 3))
+    return Anchor.of_degrees(lat, float(unwrap_longitude(lon, 0.0)), round(height, 3))
 
 
 def check_width(points: F64, where: str) -> None:

@@ -30,7 +30,7 @@ class BuildingFootprint:
     polygon : in the coordinates of the file
     height, above : heights of its top and of its lower side over the ground, m
     roof : height of the roof, part of ``height``, m; nan: not stated
-    roof_shape, across : see `sarmitsuba.loading.importing.roofs.make_roof`
+    roof_shape, across : see `sarmitsuba.loading.importing.buildings.make_roof`
     storey : height of a storey, m
     wall_material, roof_material : names in the file, or empty
     is_part : whether it is part of a building, whose outline may be in the file too

@@ -7,7 +7,7 @@ import numpy as np
 
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.parameters import Param, Value
-from sarmitsuba.radar.mode import MODES, AimGeometry, FlightPath, RadarMode, TrackAxes, towards
+from sarmitsuba.radar.mode import MODES, AimGeometry, FlightPath, RadarMode, TrackAxes, point_towards
 from sarmitsuba.radar.track import Track
 
 
@@ -64,7 +64,7 @@ class Circular(RadarMode):
         self, track: Track, axes: TrackAxes, geometry: AimGeometry, values: Mapping[str, Value]
     ) -> F64:
         """Return the unit vectors from every position to the aim point."""
-        return towards(geometry.aim, track)
+        return point_towards(geometry.aim, track)
 
     def path(self, geometry: AimGeometry, speed: float) -> FlightPath:
         """Circle through mid-aperture about the vertical through the aim point."""

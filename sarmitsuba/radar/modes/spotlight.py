@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.parameters import Value
-from sarmitsuba.radar.mode import MODES, AimGeometry, RadarMode, TrackAxes, towards
+from sarmitsuba.radar.mode import MODES, AimGeometry, RadarMode, TrackAxes, point_towards
 from sarmitsuba.radar.track import Track
 
 
@@ -19,7 +19,7 @@ class Spotlight(RadarMode):
         self, track: Track, axes: TrackAxes, geometry: AimGeometry, values: Mapping[str, Value]
     ) -> F64:
         """Return the unit vectors from every position to the aim point."""
-        return towards(geometry.aim, track)
+        return point_towards(geometry.aim, track)
 
 
 MODES.register(Spotlight())

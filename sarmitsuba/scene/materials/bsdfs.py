@@ -89,7 +89,7 @@ def radar_material(
     material, a warning and a note about the surface assumed (both may be empty)
     """
     refuse_two_permittivities(given, where)
-    values, assumed = _with_assumed(values, given, frequency, where, rms_height)
+    values, assumed = _add_assumed(values, given, frequency, where, rms_height)
     law = LAWS[string_value(values, "diffuse_law")]
     _check_law(law, values, given, where)
     _check_texture(values, law, where)
@@ -122,7 +122,7 @@ def radar_material(
     return _material(name, given_permittivity(values, given, frequency), surface), "", assumed
 
 
-def _with_assumed(
+def _add_assumed(
     values: Mapping[str, Value | None], given: frozenset[str], frequency: float, where: str, rms_height: float
 ) -> tuple[Mapping[str, Value | None], str]:
     """Values with the surface assumed where the file gives none or half of one, and the note about it."""

@@ -13,7 +13,7 @@ from sarmitsuba.scene.materials.material import Material
 MOST_LEVELS, MOST_LEVELS_OF_TWO = 64, 24
 
 
-def with_parts(materials: Sequence[Material]) -> tuple[Material, ...]:
+def list_with_parts(materials: Sequence[Material]) -> tuple[Material, ...]:
     """Materials followed by the additional ones of their maps, in the order of the kernel's tables."""
     parts = [
         p
@@ -31,7 +31,7 @@ def map_attributes(material: Material) -> tuple[str, ...]:
     return tuple(name for b in bitmaps if b is not None for name in b.placement.attributes)
 
 
-def varied(
+def vary_material(
     material: Material, permittivity: F64 | None, rms_height: F64 | None
 ) -> tuple[I64, tuple[Material, ...]]:
     """Materials for every pair of values of two bitmaps: index of the material per texel, and the materials.

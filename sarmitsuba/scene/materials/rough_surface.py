@@ -20,7 +20,7 @@ def bragg_factors(theta: F64, permittivity: complex) -> tuple[F64, F64]:
         {(\varepsilon \cos\theta + q)^2}
 
     Source: Ulaby, Moore and Fung, Microwave Remote Sensing, volume II (1982), chapter 12. Between any two directions:
-    :func:`sarmitsuba.tracing.kernel.bistatic_dyads.bragg_dyad`.
+    :func:`sarmitsuba.tracing.kernel.scattering_matrix.bragg_dyad`.
     """
     amplitude_h, amplitude_v = bragg_amplitudes(np.cos(theta), permittivity)
     return np.abs(amplitude_h) ** 2, np.abs(amplitude_v) ** 2

@@ -77,7 +77,7 @@ class Placement:
         return replace(self, matrix=matrix)
 
 
-def in_plan(extent: Sequence[float], transform: ArrayLike | None = None) -> "Placement":
+def place_in_plan(extent: Sequence[float], transform: ArrayLike | None = None) -> "Placement":
     """Placement of a bitmap over the scene in plan view, its first row along the northern edge.
 
     Parameters
@@ -99,15 +99,15 @@ def in_plan(extent: Sequence[float], transform: ArrayLike | None = None) -> "Pla
     plain = np.array(
         [[1.0 / width, 0.0, -west / width], [0.0, -1.0 / height, north / height], [0.0, 0.0, 1.0]]
     )
-    return Placement(_transformed(plain, transform))
+    return Placement(_transform_plain(plain, transform))
 
 
-def on_mesh(attributes: tuple[str, ...], transform: ArrayLike | None = None) -> "Placement":
+def place_on_mesh(attributes: tuple[str, ...], transform: ArrayLike | None = None) -> "Placement":
     """Placement of a bitmap by the texture coordinates of the mesh (``("uv",)``), or by its scalar attributes."""
-    return Placement(_transformed(np.eye(3), transform), attributes)
+    return Placement(_transform_plain(np.eye(3), transform), attributes)
 
 
-def _transformed(plain: F64, transform: ArrayLike | None) -> F64:
+def _transform_plain(plain: F64, transform: ArrayLike | None) -> F64:
     after = np.eye(3) if transform is None else np.asarray(transform, dtype=np.float64)
     return np.asarray((after @ plain)[:2])
 

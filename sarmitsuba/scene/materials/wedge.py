@@ -60,7 +60,7 @@ def fringe_bound(angle: F64, inward: F64, normal: F64, to_source: F64, to_observ
     electric = np.square(np.abs(total[0, 0]))
     magnetic = np.maximum(square - electric, 0.0)
     # what the waves along the sheet change adds to the largest singular value
-    turned = _turned(_grazing(inward, normal, to_source), _grazing(inward, normal, to_observer))
+    turned = _bound_turned(_grazing(inward, normal, to_source), _grazing(inward, normal, to_observer))
     changed = np.sqrt(largest) + turned * np.sqrt(magnetic)
     sheet = np.minimum(np.sqrt(electric + _ALONG**2 * magnetic), changed)
     both = np.linalg.norm(to_source + to_observer, axis=1)
@@ -78,7 +78,7 @@ def _grazing(inward: F64, normal: F64, direction: F64) -> tuple[F64, F64, F64]:
     return np.asarray(share), np.maximum(cosine, _LEAST), np.asarray(sine)
 
 
-def _turned(there: tuple[F64, F64, F64], back: tuple[F64, F64, F64]) -> F64:
+def _bound_turned(there: tuple[F64, F64, F64], back: tuple[F64, F64, F64]) -> F64:
     """Largest modulus of Q - 1 of :class:`sarmitsuba.tracing.scatterers.edges.diffraction.FringeCurrents`."""
     (s, c, a), (t, d, b) = there, back
     fringe = 0.5 * (d / (c + b) + c / (d + a))

@@ -6,10 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F32, F64, I64, unit_rows
-from sarmitsuba.scene.mesh.connected import connected
-from sarmitsuba.scene.mesh.edge_pairs import edge_pairs, twins
 from sarmitsuba.scene.mesh.pieces import SMOOTH_BEND, piece_sizes
-from sarmitsuba.scene.mesh.welding import weld
+from sarmitsuba.scene.mesh.topology import edge_pairs, label_connected, twins, weld
 
 # bend (rad) times width (wavelengths) below which narrow flat strips count as one surface: pi / 8 of phase
 LARGEST_BEND = 1.0 / 16.0
@@ -77,10 +75,10 @@ def facets(
     ----------
     corners : (n_faces, 3, 3) float64, m
     vertex : (3 n_faces,) welded vertex of every corner; None: computed here
-    curved : (n_faces,) triangles that approximate a curved surface, see :mod:`sarmitsuba.scene.mesh.curvature`; None:
-        none
+    curved : (n_faces,) triangles that approximate a curved surface, see :mod:`sarmitsuba.scene.mesh.smooth_surface`;
+        None: none
     wavelength : m; 0 makes every bend a boundary
-    pairs : of :func:`sarmitsuba.scene.mesh.edge_pairs.edge_pairs`; None: computed here
+    pairs : of :func:`sarmitsuba.scene.mesh.topology.edge_pairs`; None: computed here
 
     Notes
     -----
@@ -117,7 +115,7 @@ def facets(
     flat = off_plane < FLAT_BEND + np.maximum(tilt[own], tilt[other])  # tilt of both, so that they agree
     mate = np.full(3 * n, -1, dtype=np.int64)
     mate[here[flat]] = other[flat]
-    facet = connected(n, own[flat], other[flat])
+    facet = label_connected(n, own[flat], other[flat])
     smooth = flat if curved is None else flat | (curved[own] & curved[other])
     if wavelength > 0.0 and not smooth.all():
         width = piece_sizes(corners, facet)[1]
@@ -171,7 +169,7 @@ class _TriangleEdges:
 
     def own(self, faces: I64) -> F64:
         """(len(faces), N_EDGES, 4) boundary edges of each triangle alone."""
-        lines = _unused(faces.size)
+        lines = _make_unused(faces.size)
         row, k = np.nonzero(self.sharp[faces])
         inward, start = self.inward[faces[row], k], self.corners[faces[row], k]
         offset = np.einsum("ei,ei->e", inward, start - self.corners[faces[row], 0])
@@ -197,7 +195,7 @@ class _FacetOutlines:
 def _outlines(edges: _TriangleEdges, facet: I64, faces: I64) -> _FacetOutlines:
     """Boundary edges of the triangles ``faces``, which are all those of some facets."""
     n = len(facet)
-    boundary = _unused(n).astype(np.float32)
+    boundary = _make_unused(n).astype(np.float32)
     inner, fine = np.zeros((n, N_EDGES), dtype=bool), np.zeros(n, dtype=bool)
     alone = (edges.mate[faces] < 0).all(axis=1)
     boundary[faces[alone]] = edges.own(faces[alone])
@@ -205,12 +203,12 @@ def _outlines(edges: _TriangleEdges, facet: I64, faces: I64) -> _FacetOutlines:
     simple, lines = _simple_facets(edges, facet, shared)
     boundary[shared[simple]] = lines[simple]
     shared = shared[~simple]
-    whole = _without_inner_vertices(edges, facet, shared)
+    whole = _lacks_inner_vertices(edges, facet, shared)
     if whole.any():
         cut = shared[whole]
-        pairs = _paired(edges, cut)
+        pairs = _pair_triangles(edges, cut)
         row, k = np.nonzero(pairs.mate >= 0)
-        facet = connected(n, row, pairs.mate[row, k])
+        facet = label_connected(n, row, pairs.mate[row, k])
         simple, lines = _simple_facets(pairs, facet, cut)
         lines[~simple] = edges.own(cut[~simple])
         inner[cut] = _cuts(pairs, edges.mate, cut, lines)
@@ -227,7 +225,7 @@ def _outlines(edges: _TriangleEdges, facet: I64, faces: I64) -> _FacetOutlines:
     return _FacetOutlines(boundary, facet, inner, fine)
 
 
-def _unused(n: int) -> F64:
+def _make_unused(n: int) -> F64:
     """(n, N_EDGES, 4) boundary edges that limit nothing."""
     return np.tile([0.0, 0.0, 0.0, -1.0], (n, N_EDGES, 1))
 
@@ -248,7 +246,7 @@ def _simple_facets(edges: _TriangleEdges, facet: I64, faces: I64) -> tuple[NDArr
     """
     if not faces.size:
         return np.zeros(0, dtype=bool), np.zeros((0, N_EDGES, 4))
-    facet = _renumbered(facet[faces])
+    facet = _renumber_labels(facet[faces])
     count = int(facet.max()) + 1
     origin = np.zeros((count, 3))
     origin[facet] = edges.corners[faces, 0]
@@ -274,7 +272,7 @@ def _simple_facets(edges: _TriangleEdges, facet: I64, faces: I64) -> tuple[NDArr
     lines = np.bincount(of, minlength=count)
     column = np.arange(order.size) - np.repeat(np.cumsum(lines) - lines, lines)
     few = (lines <= N_EDGES)[of[order]]
-    table = _unused(count)
+    table = _make_unused(count)
     kept = order[few]
     table[of[kept], column[few]] = np.column_stack([inward[kept], offset[kept]])
 
@@ -294,14 +292,14 @@ def _simple_facets(edges: _TriangleEdges, facet: I64, faces: I64) -> tuple[NDArr
     return ((lines <= N_EDGES) & ~outside)[facet], found
 
 
-def _renumbered(label: I64) -> I64:
+def _renumber_labels(label: I64) -> I64:
     """Labels without gaps, in the same order; they are small and not negative."""
     occurs = np.zeros(int(label.max()) + 1, dtype=bool)
     occurs[label] = True
     return np.asarray((np.cumsum(occurs) - 1)[label])
 
 
-def _without_inner_vertices(edges: _TriangleEdges, facet: I64, faces: I64) -> NDArray[np.bool_]:
+def _lacks_inner_vertices(edges: _TriangleEdges, facet: I64, faces: I64) -> NDArray[np.bool_]:
     """Whether each of ``faces`` lies in a facet of few sides with about as few triangles as its outline allows."""
     triangles = np.bincount(facet)
     outline = np.bincount(facet, edges.sharp.sum(axis=1))
@@ -309,7 +307,7 @@ def _without_inner_vertices(edges: _TriangleEdges, facet: I64, faces: I64) -> ND
     return np.asarray(few[facet[faces]])
 
 
-def _paired(edges: _TriangleEdges, faces: I64) -> _TriangleEdges:
+def _pair_triangles(edges: _TriangleEdges, faces: I64) -> _TriangleEdges:
     """Cut the facets of ``faces`` into triangles and convex pairs of triangles; the narrowest are paired first."""
     inside = np.zeros(len(edges.corners), dtype=bool)
     inside[faces] = True
@@ -384,7 +382,7 @@ def _straight(
     bend = np.linalg.norm(np.cross(inward[a], inward[b]), axis=1)
     allowed = FLAT_BEND + 6.0 * edges.rounding[face[a]] / np.maximum(np.minimum(length[a], length[b]), 1e-300)
     go_on = (bend < np.minimum(allowed, LARGEST_TURN)) & (np.einsum("ei,ei->e", inward[a], inward[b]) > 0.0)
-    return connected(n, a[go_on], b[go_on])
+    return label_connected(n, a[go_on], b[go_on])
 
 
 def _sums(group: I64, rows: F64) -> F64:
@@ -418,7 +416,7 @@ def _limits(edges: _TriangleEdges, faces: I64, near: I64) -> F64:
     covered = np.einsum("nsr,nr->ns", same, np.where(valid, cover, 0.0))
     valid &= covered > FACING
 
-    out = _unused(n)
+    out = _make_unused(n)
     row = np.arange(n)
     for k in range(N_EDGES):
         best = np.where(valid, lowest, np.inf).argmin(axis=1)

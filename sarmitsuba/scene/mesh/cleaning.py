@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.core.arrays import F64, I32, I64
 from sarmitsuba.core.errors import SceneError
-from sarmitsuba.scene.mesh.welding import weld
+from sarmitsuba.scene.mesh.topology import weld
 
 # height of a triangle, in roundings of its coordinates, below which it counts as a line
 _ROUNDINGS = 8.0
@@ -83,7 +83,7 @@ def clean_meshes(
     SceneError
         As of `clean_mesh`, for the first invalid mesh.
     """
-    v, f, mesh, mesh_of_vertex = _joined(names, vertices, faces)
+    v, f, mesh, mesh_of_vertex = _join_meshes(names, vertices, faces)
     n_meshes = len(names)
     n_given = np.bincount(mesh, minlength=n_meshes)
 
@@ -139,7 +139,7 @@ def single_precision_step(vertices: F64) -> float:
     return float(step.max()) if odd.mean() > _ODD else 0.0
 
 
-def _joined(
+def _join_meshes(
     names: Sequence[str], vertices: Sequence[ArrayLike], faces: Sequence[ArrayLike]
 ) -> tuple[F64, I64, I64, I64]:
     """Vertices and faces of all meshes, and the mesh of every face and vertex; each mesh is checked."""

@@ -28,7 +28,7 @@ def one_sided(normals: F64, corners: F64, points: F64, slack: float) -> bool:
     return True
 
 
-def joined(vertices: F64, faces: I32, slack: float) -> I64:
+def merge_vertices(vertices: F64, faces: I32, slack: float) -> I64:
     """(n_f, 3) vertex numbers after merging vertices within about ``slack`` (m) of each other."""
     rounded = np.round(vertices / max(slack, 1e-12)).astype(np.int64)
     _, number = np.unique(rounded, axis=0, return_inverse=True)
@@ -72,7 +72,7 @@ def is_convex_body(vertices: F64, faces: I32) -> bool:
     if abs(float(solid.sum()) / (4.0 * np.pi) - 1.0) > 1e-6:
         return False
 
-    f = joined(vertices, faces, slack)
+    f = merge_vertices(vertices, faces, slack)
     ends = np.sort(face_edges(f), axis=1)
     key = ends[:, 0] * (int(f.max()) + 1) + ends[:, 1]
     order = np.argsort(key, kind="stable")

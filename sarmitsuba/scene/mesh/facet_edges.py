@@ -1,4 +1,7 @@
-"""Edges of the facets of a mesh, which bound what is seen of it."""
+"""Edges of the facets of a mesh, which bound what is seen of it.
+
+Closed surfaces: test, enclosed volume and area.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.core.arrays import F64, I64, unit_rows
+from sarmitsuba.core.arrays import F64, I32, I64, unit_rows
 from sarmitsuba.scene.mesh.boundary_edges import FLAT_BEND
-from sarmitsuba.scene.mesh.edge_pairs import edge_pairs
 from sarmitsuba.scene.mesh.pieces import SMOOTH_BEND
-from sarmitsuba.scene.mesh.welding import weld
+from sarmitsuba.scene.mesh.topology import edge_pairs, weld
 
 # distance over the extent of all triangles within which corners are one
 TOGETHER = 1e-7
@@ -74,3 +76,26 @@ def unit_normals(triangles: F64) -> F64:
     """(n, 3) unit normals of triangles (n, 3, 3)."""
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     return unit_rows(cross)
+
+
+def is_closed(vertices: F64, faces: I32) -> bool:
+    """Whether every edge of the faces (n, 3) is used equally often in both directions."""
+    corner = weld(vertices)[faces]
+    edge = np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]])
+    edge = edge[edge[:, 0] != edge[:, 1]]
+    low, high = edge.min(axis=1), edge.max(axis=1)
+    _, number = np.unique(np.stack([low, high], axis=1), axis=0, return_inverse=True)
+    balance = np.bincount(number.reshape(-1), weights=np.where(edge[:, 0] == low, 1.0, -1.0))
+    return bool(faces.size) and not balance.any()
+
+
+def enclosed_volume(vertices: F64, faces: I32) -> float:
+    """Volume enclosed by a closed mesh, m^3; negative where its normals point inwards."""
+    a, b, c = (vertices[faces[:, i]] - vertices[faces[0, 0]] for i in range(3))
+    return float(np.sum(a * np.cross(b, c)) / 6.0)
+
+
+def surface_area(vertices: F64, faces: I32) -> float:
+    """Area of all faces, m^2."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())

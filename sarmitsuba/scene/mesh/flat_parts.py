@@ -4,9 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64, I64
-from sarmitsuba.scene.mesh.connected import connected
-from sarmitsuba.scene.mesh.edge_pairs import edge_pairs
-from sarmitsuba.scene.mesh.welding import weld
+from sarmitsuba.scene.mesh.topology import edge_pairs, label_connected, weld
 
 # rad, bend up to which two triangles are one plane, and turn up to which an outline is straight
 LEVEL, STRAIGHT = 1e-4, 1e-4
@@ -52,7 +50,7 @@ def join_flat_parts(corners: F64, kind: I64) -> tuple[F64, I64]:
     joined &= vertex[first] != vertex[second]
     if not joined.any():
         return corners, every
-    part = connected(n, a[joined], b[joined])
+    part = label_connected(n, a[joined], b[joined])
     size = np.bincount(part)
     if size.max() < 3:
         return corners, every

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64, I64
-from sarmitsuba.scene.mesh.connected import connected
+from sarmitsuba.scene.mesh.topology import label_connected
 
 # largest distance of a vertex from the plane of its facet, wavelengths: 0.025 rad of two-way phase
 LARGEST_DISTANCE = 2e-3
@@ -20,7 +20,7 @@ LARGEST_BEND = np.pi / 3.0
 ROUNDINGS = 16.0
 
 
-def flattened(corners: F64, pairs: tuple[I64, I64], wavelength: float) -> F64:
+def flatten_facets(corners: F64, pairs: tuple[I64, I64], wavelength: float) -> F64:
     """Corners of the triangles, those of nearly flat facets moved into the facet's plane.
 
     Noise of the vertices tilts narrow triangles by any angle: their normals, bends and curvature then mean nothing,
@@ -32,7 +32,7 @@ def flattened(corners: F64, pairs: tuple[I64, I64], wavelength: float) -> F64:
     Parameters
     ----------
     corners : (n, 3, 3) float64, m
-    pairs : of :func:`sarmitsuba.scene.mesh.edge_pairs.edge_pairs`
+    pairs : of :func:`sarmitsuba.scene.mesh.topology.edge_pairs`
     wavelength : m
 
     Returns
@@ -54,7 +54,7 @@ def flattened(corners: F64, pairs: tuple[I64, I64], wavelength: float) -> F64:
     for tolerance in LARGEST_DISTANCE * wavelength * SHARES:
         sides = sides.of_faces(undecided)
         joined = sides.bend <= tolerance * sides.inverse_heights
-        facet = connected(len(corners), sides.own[joined], sides.other[joined])
+        facet = label_connected(len(corners), sides.own[joined], sides.other[joined])
         lifted = np.zeros(len(corners), dtype=bool)
         lifted[facet[sides.own[joined & sides.lifted]]] = True
         rows = np.flatnonzero(lifted[facet])
@@ -63,7 +63,7 @@ def flattened(corners: F64, pairs: tuple[I64, I64], wavelength: float) -> F64:
         moved, near = _onto_planes(corners[rows], facet[rows], tolerance)
         # a facet of a curved surface grows with the tolerance
         wider = sides.bend <= CLEAR * tolerance * sides.inverse_heights
-        whole = connected(len(corners), sides.own[wider], sides.other[wider])
+        whole = label_connected(len(corners), sides.own[wider], sides.other[wider])
         near &= (np.bincount(facet)[facet] == np.bincount(whole)[whole])[rows]
         out[rows[near]] = moved[near]
         undecided[:] = False

@@ -89,11 +89,11 @@ def corner_needs(
     if np.isinf(need).all():
         return planned, needed
     number = np.repeat(np.arange(len(first)), np.diff(first, append=len(rows)))
-    needed[rows], planned[rows] = need[number], _within_bound(need, shown)[number]
+    needed[rows], planned[rows] = need[number], _limit_needs(need, shown)[number]
     return planned, needed
 
 
-def _within_bound(need: F64, area: F64) -> F64:
+def _limit_needs(need: F64, area: F64) -> F64:
     """Needs of facets (n,), m, that ``MOST_RAYS`` allow for their projected areas, m^2; infinite for others."""
     granted = np.full(need.size, np.inf)
     all_rays = float((area / np.square(need)).sum())
@@ -187,8 +187,8 @@ class _MetalFacets:
             np.einsum("pi,pi->p", self.points[self.start[k]], v) for k, v in ((one, m), (two, n))
         )
         across = (
-            _in_front(heights[0] - above, heights[1] - above, self.sheet[one]),
-            _in_front(widths[0] - beyond, widths[1] - beyond, self.sheet[two]),
+            _lies_in_front(heights[0] - above, heights[1] - above, self.sheet[one]),
+            _lies_in_front(widths[0] - beyond, widths[1] - beyond, self.sheet[two]),
         )
         common = np.minimum(theirs[1], ours[1]) - np.maximum(theirs[0], ours[0])
         return np.asarray(np.maximum(np.minimum(np.minimum(*across), common), 0.0))
@@ -230,7 +230,7 @@ def _outermost(
     return np.concatenate(added), start, count
 
 
-def _in_front(low: F64, high: F64, both: NDArray[np.bool_]) -> F64:
+def _lies_in_front(low: F64, high: F64, both: NDArray[np.bool_]) -> F64:
     """Extent (n,), m, of heights above a plane; 0 where it begins higher than its length; of sheets the larger."""
 
     def above(bottom: F64, top: F64) -> F64:

@@ -5,9 +5,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba.core.arrays import F64, I64
-from sarmitsuba.scene.mesh.conforming import join_points
 from sarmitsuba.scene.mesh.double_faces import TriangleBalls
-from sarmitsuba.scene.mesh.remesh import distance_to_triangles
+from sarmitsuba.scene.mesh.remesh import distance_to_triangles, join_points
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -54,14 +53,14 @@ def mirror_planes(vertices: F64, faces: I64, tolerance: float, step: float) -> t
     box = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
     t = _pieces(t, step)
     middle = t.mean(axis=1)
-    points = _thinned(np.concatenate([vertices, middle]), THINNED * step)
+    points = _thin_points(np.concatenate([vertices, middle]), THINNED * step)
     tree, balls = (
         cKDTree(middle),
         TriangleBalls(middle, np.linalg.norm(t - middle[:, None], axis=2).max(axis=1)),
     )
     best = (box, np.zeros((0, 3)))
     for center, axes in ((box, np.eye(3)), (centroid, np.linalg.eigh(spread)[1].T)):
-        found = [axis for axis in axes if _mirrored(points, t, tree, balls, center, axis, tolerance)]
+        found = [axis for axis in axes if _is_mirrored(points, t, tree, balls, center, axis, tolerance)]
         if len(found) > len(best[1]):
             best = (center, np.array(found))
     return best
@@ -76,7 +75,7 @@ def _pieces(t: F64, longest: float) -> F64:
         done.append(t[~long])
         t, size = t[long], size[long]
         sliver = size.min(axis=1) <= NARROW * longest
-        done.append(_strips(t[sliver], size[sliver], (1.0 - NARROW) * longest))
+        done.append(_cut_strips(t[sliver], size[sliver], (1.0 - NARROW) * longest))
         t, place = t[~sliver], size[~sliver].argmax(axis=1)
         row = np.arange(len(t))
         apex, a, b = t[row, place], t[row, (place + 1) % 3], t[row, (place + 2) % 3]
@@ -85,7 +84,7 @@ def _pieces(t: F64, longest: float) -> F64:
     return np.concatenate(done)
 
 
-def _strips(t: F64, size: F64, longest: float) -> F64:
+def _cut_strips(t: F64, size: F64, longest: float) -> F64:
     """Triangles between points at equal distances, no longer than given, on the two long sides of slivers."""
     place, row = size.argmin(axis=1), np.arange(len(t))
     apex, a, b = t[row, place], t[row, (place + 1) % 3], t[row, (place + 2) % 3]
@@ -110,13 +109,13 @@ def count_pieces(t: F64, longest: float) -> float:
     return float(np.sum(1.0 + strips + MOST_CUT * area / longest**2))
 
 
-def _thinned(points: F64, size: float) -> F64:
+def _thin_points(points: F64, size: float) -> F64:
     """One of the points (n, 3) of each cube of a size, those of different cubes mixed."""
     _, first = np.unique(np.floor(points / size).astype(np.int64), axis=0, return_index=True)
     return np.asarray(points[np.random.default_rng(0).permutation(first)])
 
 
-def _mirrored(
+def _is_mirrored(
     points: F64, t: F64, tree: "cKDTree", balls: TriangleBalls, center: F64, axis: F64, tolerance: float
 ) -> bool:
     """Whether the mirrored points lie on the surface, and no triangle lies in the plane."""

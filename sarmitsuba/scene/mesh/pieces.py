@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64, I64, box_of_each, unit_rows
-from sarmitsuba.scene.mesh.connected import connected
+from sarmitsuba.scene.mesh.topology import label_connected
 
 # bend of an edge below which the surface continues across it, rad
 SMOOTH_BEND = np.radians(20.0)
@@ -17,7 +17,7 @@ def piece_of(corners: F64, vertex: I64, pairs: tuple[I64, I64]) -> I64:
     ----------
     corners : (n, 3, 3) float64, m
     vertex : (3 n,) label of each corner's vertex; equal where corners coincide
-    pairs : of :func:`sarmitsuba.scene.mesh.edge_pairs.edge_pairs`
+    pairs : of :func:`sarmitsuba.scene.mesh.topology.edge_pairs`
 
     Notes
     -----
@@ -31,7 +31,7 @@ def piece_of(corners: F64, vertex: I64, pairs: tuple[I64, I64]) -> I64:
     alike = np.where(vertex[a] == vertex[b], -1.0, 1.0)
     bend = alike * np.einsum("ei,ei->e", normal[a // 3], normal[b // 3])
     joined = bend > np.cos(SMOOTH_BEND)
-    return connected(n, a[joined] // 3, b[joined] // 3)
+    return label_connected(n, a[joined] // 3, b[joined] // 3)
 
 
 def piece_sizes(corners: F64, piece: I64) -> tuple[F64, F64]:
@@ -93,7 +93,7 @@ def ray_needs(
     ----------
     area, width : (n,) m^2 and m, of each triangle's piece
     part_width : (n,) m, of :func:`part_sizes`
-    curvature : (n, 8) of :func:`sarmitsuba.scene.mesh.curvature.facet_curvature`; None: all facets are flat
+    curvature : (n, 8) of :func:`sarmitsuba.scene.mesh.smooth_surface.facet_curvature`; None: all facets are flat
     round_need : (n,) of :func:`round_needs`; None: there are no round bodies
     wavelength : m
     """

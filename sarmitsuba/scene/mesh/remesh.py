@@ -1,4 +1,9 @@
-"""Meshes of even triangles of one size, for solvers of surface currents: sharp edges and rims stay where they are."""
+"""Meshes of even triangles of one size, for solvers of surface currents: sharp edges and rims stay where they are.
+
+Triangles that meet corner to corner: sides are cut where corners of others lie on them.
+
+Places where parts of a surface touch or cross without sharing edges.
+"""
 
 from dataclasses import dataclass
 
@@ -81,7 +86,7 @@ def remesh(vertices: F64, faces: I64, length: float) -> tuple[F64, I64]:
     Parameters
     ----------
     vertices : (n, 3) float64, m
-    faces : (m, 3) int64; triangles meet corner to corner (:func:`sarmitsuba.scene.mesh.conforming.conforming`)
+    faces : (m, 3) int64; triangles meet corner to corner (:func:`sarmitsuba.scene.mesh.remesh.conforming`)
     length : m, wanted; no edge is longer than ``LONGEST`` times it
 
     Returns
@@ -409,3 +414,207 @@ def _smooth(vertices: F64, faces: I64, lines: I64, surface: _Surface, length: fl
             return moved
         free[faces[bad].ravel()] = False
     return vertices
+
+
+# passes in which sides are cut; each cuts one side of a triangle
+_PASSES = 200
+# corners within the tolerance of one, in the mean, beyond which they are first joined in cubes, and cubes across it
+_NEIGHBOURS, _CUBES = 40, 4
+
+
+def conforming(corners: F64, tolerance: float) -> tuple[F64, I64]:
+    """Mesh of the same surface in which no corner lies within the side of another triangle.
+
+    Parameters
+    ----------
+    corners : (n, 3, 3) float64, m
+    tolerance : m, distance within which corners are one, and lie on a side
+
+    Returns
+    -------
+    vertices : (n_v, 3) float64, m
+    faces : (m, 3) int64, without triangles narrower than the tolerance, and each once
+
+    Notes
+    -----
+    Surfaces that cross each other, or touch within a face, are not joined.
+    """
+    vertices, faces = _join_corners(corners, tolerance)
+    for _ in range(_PASSES):
+        faces = _once(vertices, faces, tolerance)
+        cut, place, at = _cuts(vertices, faces, tolerance)
+        if not cut.size:
+            break
+        apex = faces[cut, place]
+        a, b = faces[cut, (place + 1) % 3], faces[cut, (place + 2) % 3]
+        faces = np.concatenate(
+            [np.delete(faces, cut, axis=0), np.stack([apex, a, at], axis=1), np.stack([apex, at, b], axis=1)]
+        )
+    used, number = np.unique(faces, return_inverse=True)
+    return vertices[used], np.asarray(number.reshape(-1, 3), dtype=np.int64)
+
+
+def _join_corners(corners: F64, tolerance: float) -> tuple[F64, I64]:
+    """Vertices and faces; corners nearer to another one than the tolerance are that one, not chains of them."""
+    points, number = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    label = join_points(points, tolerance)[number.reshape(-1)]
+    used, number = np.unique(label, return_inverse=True)
+    return points[used], np.asarray(number.reshape(-1, 3), dtype=np.int64)
+
+
+def join_points(points: F64, tolerance: float) -> I64:
+    """Number (n,) of the point that stands for each: itself, or one within the tolerance that stands for itself."""
+    from scipy.spatial import cKDTree
+
+    rows, cell = np.arange(len(points)), np.arange(len(points))
+    tree = cKDTree(points)
+    if tree.count_neighbors(tree, tolerance) > _NEIGHBOURS * len(points):
+        # many in a ball: one of each small cube first
+        place = np.floor(points / (tolerance / _CUBES)).astype(np.int64)
+        _, rows, cell = np.unique(place, axis=0, return_index=True, return_inverse=True)
+        cell = cell.reshape(-1)
+        tree = cKDTree(points[rows])
+    pairs = tree.query_pairs(tolerance, output_type="ndarray")
+    own = np.arange(rows.size)
+    if len(pairs):
+        low, high = pairs.min(axis=1), pairs.max(axis=1)
+        order = np.lexsort((high, low))
+        low, high = low[order], high[order]
+        start = np.searchsorted(low, np.arange(rows.size + 1))
+        taken = np.zeros(rows.size, dtype=bool)
+        for i in np.unique(low):
+            if not taken[i]:
+                near = high[start[i] : start[i + 1]]
+                near = near[~taken[near]]
+                taken[near], own[near] = True, i
+    return np.asarray(rows[own[cell]], dtype=np.int64)
+
+
+def _once(vertices: F64, faces: I64, tolerance: float) -> I64:
+    """Faces without those that have no height, and without copies."""
+    t = vertices[faces]
+    area = np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1)
+    longest = np.linalg.norm(t - np.roll(t, 1, axis=1), axis=2).max(axis=1)
+    own = np.sort(faces, axis=1)
+    wide = (area > 0.5 * tolerance * longest) & (own[:, 0] < own[:, 1]) & (own[:, 1] < own[:, 2])
+    faces, own = faces[wide], own[wide]
+    _, first = np.unique(own, axis=0, return_index=True)
+    return faces[np.sort(first)]
+
+
+def _cuts(vertices: F64, faces: I64, tolerance: float) -> tuple[I64, I64, I64]:
+    """Triangles to cut, number of the corner opposite to the cut side, and the corner that lies on it."""
+    from scipy.spatial import cKDTree
+
+    start, end = np.roll(faces, -1, axis=1).ravel(), np.roll(faces, -2, axis=1).ravel()
+    key = np.minimum(start, end) * len(vertices) + np.maximum(start, end)
+    _, of, count = np.unique(key, return_inverse=True, return_counts=True)
+    open_side = np.flatnonzero(count[of.reshape(-1)] == 1)
+    if not open_side.size:
+        return (np.zeros(0, dtype=np.int64),) * 3
+    rim = np.unique(np.concatenate([start[open_side], end[open_side]]))
+    tree = cKDTree(vertices[rim])
+    a, b = vertices[start[open_side]], vertices[end[open_side]]
+    length = np.linalg.norm(b - a, axis=1)
+    found = tree.query_ball_point(0.5 * (a + b), 0.5 * length + tolerance)
+    each = np.fromiter((len(f) for f in found), dtype=np.int64, count=len(found))
+    row = np.repeat(np.arange(open_side.size), each)
+    vertex = rim[np.concatenate([*found, []]).astype(np.int64)]
+    along = (b - a) / np.maximum(length, 1e-300)[:, None]
+    off = vertices[vertex] - a[row]
+    place = np.einsum("nc,nc->n", off, along[row])
+    away = np.linalg.norm(off - place[:, None] * along[row], axis=1)
+    inside = (away < tolerance) & (place > tolerance) & (place < length[row] - tolerance)
+    row, vertex, place = row[inside], vertex[inside], place[inside]
+    # nearest to the middle first; one side of a triangle at a time
+    order = np.argsort(np.abs(place - 0.5 * length[row]), kind="stable")
+    side, vertex = open_side[row[order]], vertex[order]
+    _, first = np.unique(side // 3, return_index=True)
+    side, vertex = side[first], vertex[first]
+    return side // 3, side % 3, vertex
+
+
+# rad: two triangles at an edge that are nearer to one another than this lie on one another
+FOLDED = np.radians(2.0)
+
+
+def contacts(vertices: F64, faces: I64, distance: float) -> F64:
+    """Places (n, 3), m, where corners or edges meet triangles that are not next to them.
+
+    Parameters
+    ----------
+    vertices : (n_v, 3) float64, m
+    faces : (m, 3) int64, of triangles of about one size
+    distance : m, nearer than this a corner touches a triangle of the mean size; nearer in proportion, a narrower one:
+        opposite sides of thin bodies do not touch
+    """
+    t = vertices[faces]
+    twice = np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1)
+    longest = np.linalg.norm(t - np.roll(t, 1, axis=1), axis=2).max(axis=1)
+    height = twice / np.maximum(longest, 1e-300)
+    reach = distance * np.minimum(1.0, height / np.maximum(np.median(longest), 1e-300))
+    middle = t.mean(axis=1)
+    balls = TriangleBalls(middle, np.linalg.norm(t - middle[:, None], axis=2).max(axis=1))
+    row, triangle = balls.near(vertices, np.full(len(vertices), distance))
+    # next to a corner: triangles that share a corner with one of its own
+    near = _apart(row, triangle, faces, len(vertices))
+    row, triangle = row[near], triangle[near]
+    touching = row[distance_to_triangles(vertices[row], t[triangle]) < reach[triangle]]
+    ends = np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    a, b = vertices[ends[:, 0]], vertices[ends[:, 1]]
+    edge, other = balls.near(0.5 * (a + b), 0.5 * np.linalg.norm(b - a, axis=1))
+    free = ~(faces[other][:, :, None] == ends[edge][:, None, :]).any(axis=(1, 2))
+    edge, other = edge[free], other[free]
+    place, crosses = _crossing(a[edge], b[edge], t[other])
+    return np.concatenate([vertices[touching], place[crosses], _folds(vertices, faces)])
+
+
+def _folds(vertices: F64, faces: I64) -> F64:
+    """Middles (n, 3) of edges at which two triangles lie on one another."""
+    start, end = np.roll(faces, -1, axis=1).ravel(), np.roll(faces, -2, axis=1).ravel()
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    key = low * len(vertices) + high
+    along = vertices[high] - vertices[low]
+    along = unit_rows(along)
+    inward = vertices[faces.ravel()] - vertices[low]
+    inward = inward - np.einsum("nc,nc->n", inward, along)[:, None] * along
+    inward = unit_rows(inward)
+    order = np.argsort(key, kind="stable")
+    found = []
+    for apart in (1, 2, 3):  # up to four triangles at an edge
+        a, b = order[:-apart], order[apart:]
+        same = (key[a] == key[b]) & (np.einsum("nc,nc->n", inward[a], inward[b]) > np.cos(FOLDED))
+        found.append(0.5 * (vertices[low[a[same]]] + vertices[high[a[same]]]))
+    return np.concatenate(found)
+
+
+def _apart(row: I64, triangle: I64, faces: I64, n: int) -> NDArray[np.bool_]:
+    """Whether a corner and a triangle have no triangle of the corner between them."""
+    from scipy.sparse import csr_matrix
+
+    m = len(faces)
+    of = csr_matrix(
+        (np.ones(3 * m, dtype=np.int32), (faces.ravel(), np.repeat(np.arange(m), 3))), shape=(n, m)
+    )
+    ring = ((of @ of.T) > 0).tocsr()
+    next_to = np.zeros(row.size, dtype=bool)
+    for i in range(3) if row.size else ():
+        next_to |= np.asarray(ring[row, faces[triangle, i]]).ravel().astype(bool)
+    return ~next_to
+
+
+def _crossing(a: F64, b: F64, t: F64) -> tuple[F64, NDArray[np.bool_]]:
+    """Crossing of segments with triangles (Moeller and Trumbore, 1997), and whether there is one."""
+    step, u, v = b - a, t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]
+    p = np.cross(step, v)
+    det = np.einsum("nc,nc->n", u, p)
+    scale = np.linalg.norm(step, axis=1) * np.linalg.norm(np.cross(u, v), axis=1)
+    steep = np.abs(det) > 1e-9 * scale
+    inverse = 1.0 / np.where(steep, det, 1.0)
+    off = a - t[:, 0]
+    x = np.einsum("nc,nc->n", off, p) * inverse
+    q = np.cross(off, u)
+    y = np.einsum("nc,nc->n", step, q) * inverse
+    s = np.einsum("nc,nc->n", v, q) * inverse
+    hit = steep & (x > 0.0) & (y > 0.0) & (x + y < 1.0) & (s > 0.0) & (s < 1.0)
+    return a + s[:, None] * step, hit

@@ -4,8 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sarmitsuba.core.arrays import F64, I32, I64
-from sarmitsuba.scene.mesh.connected import connected
-from sarmitsuba.scene.mesh.welding import weld
+from sarmitsuba.scene.mesh.topology import label_connected, weld
 
 # edges with more faces than this (hubs of fans of billboards) join no faces
 _MAX_FACES_AT_EDGE = 32
@@ -76,7 +75,7 @@ def smooth_groups(
         cols.append(b[smooth])
     row = np.concatenate(rows) if rows else np.zeros(0, dtype=np.int64)
     col = np.concatenate(cols) if cols else np.zeros(0, dtype=np.int64)
-    return connected(n_f, row, col).astype(np.int32)
+    return label_connected(n_f, row, col).astype(np.int32)
 
 
 def _unit_normals(v: F64, f: I64) -> F64:

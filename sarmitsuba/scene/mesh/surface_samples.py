@@ -68,7 +68,7 @@ def surface_samples(triangles: F64, cell: float, box: F64, seed: int) -> Surface
     if total > CHUNK:
         ends = [*(np.searchsorted(np.cumsum(cells), np.arange(CHUNK, total, CHUNK)) + 1), len(cells)]
     parts = [
-        _in_cells(flat, start, cells[start:stop], first, count, cell, seed)
+        _sample_cells(flat, start, cells[start:stop], first, count, cell, seed)
         for start, stop in zip([0, *ends[:-1]], ends, strict=True)
     ]
     face, point, key = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -142,7 +142,7 @@ class _Flattened:
         return np.maximum(low, np.take(box[0], self.axes)), np.minimum(high, np.take(box[1], self.axes))
 
 
-def _in_cells(
+def _sample_cells(
     flat: _Flattened,
     start: int,
     cells: I64,
@@ -158,10 +158,10 @@ def _in_cells(
     row += np.repeat(first[start:stop, 0], cells)
     column += np.repeat(first[start:stop, 1], cells)
     axis = np.repeat(flat.left_out[start:stop].astype(np.uint32), cells)
-    key = _mixed(row.astype(np.uint32) * np.uint32(0x9E3779B1) + np.uint32(seed & 0xFFFFFFFF))
-    key = _mixed(key ^ (column.astype(np.uint32) * np.uint32(0x85EBCA77) + np.uint32(0x27D4EB2F)))
-    key = _mixed(key ^ (axis * np.uint32(0x165667B1) + np.uint32(0x3C6EF372)))
-    second = _mixed(key ^ np.uint32(0xB5297A4D))
+    key = _mix_bits(row.astype(np.uint32) * np.uint32(0x9E3779B1) + np.uint32(seed & 0xFFFFFFFF))
+    key = _mix_bits(key ^ (column.astype(np.uint32) * np.uint32(0x85EBCA77) + np.uint32(0x27D4EB2F)))
+    key = _mix_bits(key ^ (axis * np.uint32(0x165667B1) + np.uint32(0x3C6EF372)))
+    second = _mix_bits(key ^ np.uint32(0xB5297A4D))
     x, y = ((n + (k + 0.5) * 2.0**-32) * cell for n, k in ((row, key), (column, second)))
 
     def value(rows: F64) -> F64:
@@ -179,10 +179,10 @@ def _in_cells(
         point[np.arange(face.size), axes] = values
     # layers of a few cells distinguish surfaces above one another
     layer = np.floor(height / (LAYER_CELLS * cell) + 0.4142).astype(np.int64).astype(np.uint32)
-    return face, point, _mixed(key ^ (layer * np.uint32(0xC2B2AE3D) + np.uint32(0x68E31DA4)))
+    return face, point, _mix_bits(key ^ (layer * np.uint32(0xC2B2AE3D) + np.uint32(0x68E31DA4)))
 
 
-def _mixed(x: U32) -> U32:
+def _mix_bits(x: U32) -> U32:
     """One round of a 32-bit hash finaliser; every input bit affects every output bit."""
     x = x ^ (x >> np.uint32(16))
     x = x * np.uint32(0x7FEB352D)

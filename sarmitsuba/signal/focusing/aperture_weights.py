@@ -425,8 +425,8 @@ def ground_cell_area(
     if radar.track.n_pulses < 2:
         raise DataError("focus: 1 pulse gives no synthetic aperture; at least 2 are needed for an image")
     narrow = 1.0 if lit_alike else beam_over_cell(radar, np.asarray(point, dtype=np.float64), weights)
-    pulses = _weighted(radar, point, weights)
-    u, weights = _by_direction(range_gradients(radar, point, pulses)[:, :2], weights[pulses])
+    pulses = _select_pulses(radar, point, weights)
+    u, weights = _sort_by_direction(range_gradients(radar, point, pulses)[:, :2], weights[pulses])
     seen = weights > 0.0
     turn = np.zeros(1)
     if u.shape[0] > 1:
@@ -437,12 +437,12 @@ def ground_cell_area(
             "move the image into the beam and away from the flight line"
         )
     wave, window = radar.waveform, parse_window(range_window)
-    band = _over_band(wave.center_frequency, wave.bandwidth, window, WINDOWS[window.name].function)
+    band = _average_over_band(wave.center_frequency, wave.bandwidth, window, WINDOWS[window.name].function)
     aperture = float(np.sum(weights[seen] ** 2 / turn[seen]) / weights.sum() ** 2)
     return aperture * band * (SPEED_OF_LIGHT / 2.0) ** 2 * narrow
 
 
-def _weighted(radar: Radar, point: ArrayLike, weights: F64) -> slice:
+def _select_pulses(radar: Radar, point: ArrayLike, weights: F64) -> slice:
     """Pulses of any weight at a point and one more on either side, for differences; all where directions come again."""
     held = np.flatnonzero(weights)
     x, y = (p - a for p, a in zip(np.asarray(point)[:2], radar.track.position.T[:2], strict=True))
@@ -453,7 +453,9 @@ def _weighted(radar: Radar, point: ArrayLike, weights: F64) -> slice:
 
 
 @lru_cache(maxsize=64)
-def _over_band(center: float, bandwidth: float, window: Window, _function: Callable[..., F64]) -> float:
+def _average_over_band(
+    center: float, bandwidth: float, window: Window, _function: Callable[..., F64]
+) -> float:
     r""":math:`\int V^2 / f \, df / (\int V df)^2`, s^2; the function is that of the window's name, for the cache."""
     v = (np.arange(1024) + 0.5) / 1024 - 0.5
     f = center + bandwidth * v
@@ -461,7 +463,7 @@ def _over_band(center: float, bandwidth: float, window: Window, _function: Calla
     return float(np.mean(V**2 / f) / (np.mean(V) ** 2 * bandwidth))
 
 
-def _by_direction(u: F64, weights: F64) -> tuple[F64, F64]:
+def _sort_by_direction(u: F64, weights: F64) -> tuple[F64, F64]:
     """Horizontal lines of sight sorted by angle, with pulses from the same direction merged.
 
     A radar at rest, or on a track there and back, samples the same spectrum repeatedly: its weights add.

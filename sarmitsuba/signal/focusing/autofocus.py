@@ -20,7 +20,7 @@ from sarmitsuba.signal.focusing.focuser import Focuser, FocusTask, WithOptions
 from sarmitsuba.signal.focusing.profiles import plan_profiles
 from sarmitsuba.signal.focusing.windows import Window, parse_window
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 # zeros beyond the end of a pulse while it is shifted
 _GUARD = 64
@@ -185,7 +185,7 @@ def apply_autofocus_records(raw: RawData) -> RawData:
     )
 
 
-def without_trend(radar: Radar, error: F64, weight: F64) -> F64:
+def remove_trend(radar: Radar, error: F64, weight: F64) -> F64:
     """Range error without its constant and its slope, which only shift the image.
 
     Parameters

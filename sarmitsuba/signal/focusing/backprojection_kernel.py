@@ -19,7 +19,7 @@ import numpy as np
 
 from sarmitsuba.machine.backend import device_numbers, dr
 from sarmitsuba.radar.antenna import Antenna
-from sarmitsuba.signal.raw.gridding import GriddingKernel
+from sarmitsuba.signal.gridding import GriddingKernel
 
 if TYPE_CHECKING:
     Complex = tuple[dr.ArrayBase, dr.ArrayBase]
@@ -39,7 +39,7 @@ def times(a: Complex, b: Complex) -> Complex:
     return dr.fma(a[0], b[0], -(a[1] * b[1])), dr.fma(a[0], b[1], a[1] * b[0])
 
 
-def scaled(factor: dr.ArrayBase, a: Complex) -> Complex:
+def scale_complex(factor: dr.ArrayBase, a: Complex) -> Complex:
     """A complex number times a real one."""
     return factor * a[0], factor * a[1]
 
@@ -189,7 +189,7 @@ class Sight:
     def middle_phasor(self, types: ModuleType, scales: Scales, weight: dr.ArrayBase) -> Complex:
         r""":math:`w (R^2 / R_0^2) e^{+j 4 \pi f_c R / c}` of the middle pixel."""
         gain = weight * types.Float32(self.square * scales.inverse_square)
-        return scaled(gain, cis(types, self.distance * scales.turns_per_metre))
+        return scale_complex(gain, cis(types, self.distance * scales.turns_per_metre))
 
     def bends(self, types: ModuleType, scales: Scales) -> list[Complex]:
         """Ratio of a node's phasor to the middle pixel's, without the phase linear in the place."""
@@ -201,7 +201,7 @@ class Sight:
         for x in self.line.nodes:
             # to third order in the place: -slope bend x^3 / R
             sin, cos = dr.sincos(turns * dr.fma(-0.5 * TWO_PI * x**3, tilt, TWO_PI * x * x))
-            out.append(scaled(dr.fma(x, dr.fma(x, curve, tilt), 1.0), (cos, sin)))
+            out.append(scale_complex(dr.fma(x, dr.fma(x, curve, tilt), 1.0), (cos, sin)))
         return out
 
     def powers(self, types: ModuleType, scales: Scales) -> list[Complex]:
@@ -226,10 +226,12 @@ class Sight:
         # ln R^2 = ln R_0^2 + 2 a m + (2 bend / R - a^2) m^2, a = slope / R
         a = Float(self.slope * self.inverse)
         curve = dr.fma(2.0 * self.bend, Float(self.inverse), -a * a)
-        change = scaled(dr.fma(2.0 * curve, 1.0 + curve, 1.0), times(even, even))
+        change = scale_complex(dr.fma(2.0 * curve, 1.0 + curve, 1.0), times(even, even))
         for sign in (1, -1):
             power = dr.fma(2.0 * sign, a, curve)
-            ratio = scaled(dr.fma(power, dr.fma(0.5, power, 1.0), 1.0), times((odd[0], sign * odd[1]), even))
+            ratio = scale_complex(
+                dr.fma(power, dr.fma(0.5, power, 1.0), 1.0), times((odd[0], sign * odd[1]), even)
+            )
             value = out[0]
             for place in self.line.places[::sign]:
                 if place * sign > 0:
@@ -339,7 +341,7 @@ class Beam:
 
     def two_way_amplitude(self, sin_azimuth: dr.ArrayBase, sin_elevation: dr.ArrayBase) -> dr.ArrayBase:
         """Relative two-way amplitude, 1 at boresight."""
-        return self.antenna.normalised(sin_azimuth, sin_elevation, self.numbers, dr)
+        return self.antenna.normalise(sin_azimuth, sin_elevation, self.numbers, dr)
 
 
 @dataclass(frozen=True)
@@ -509,12 +511,12 @@ def accumulate(
             phasors = pulse.sight.phasors(types, scales, pulse.weight)
             parts = [(at_nodes[i], phasors[place]) for i, place in enumerate(line.places)]
         else:
-            parts = between_nodes(types, pulse.sight, scales, pulse.weight, at_nodes)
+            parts = interpolate_nodes(types, pulse.sight, scales, pulse.weight, at_nodes)
         for i, (values, factor) in enumerate(parts):
             if sums_weights:
                 last = i * stride + stride - 1
                 acc[last] = dr.fma(pulse.weight, pulse.amplitude(i, 2), acc[last])
-                factor = scaled(pulse.amplitude(i), factor)
+                factor = scale_complex(pulse.amplitude(i), factor)
             for layer, (re, im) in enumerate(values):
                 j = i * stride + 2 * layer
                 acc[j] = dr.fma(re, factor[0], dr.fma(-im, factor[1], acc[j]))
@@ -544,7 +546,7 @@ def interpolate(
     return out
 
 
-def between_nodes(
+def interpolate_nodes(
     types: ModuleType, sight: Sight, scales: Scales, weight: dr.ArrayBase, at_nodes: list[list[Complex]]
 ) -> list[tuple[list[Complex], Complex]]:
     """Interpolated values of all layers at every pixel of the lane, and the phasors that multiply them.
@@ -603,7 +605,8 @@ def distribute(
         pixels = values
         if line.checked or not weighting.uniform:
             pixels = [
-                [scaled(pulse.amplitude(i), value) for value in layers] for i, layers in enumerate(values)
+                [scale_complex(pulse.amplitude(i), value) for value in layers]
+                for i, layers in enumerate(values)
             ]
         if line.direct:
             phasors = pulse.sight.phasors(types, scales, pulse.weight)
@@ -612,7 +615,7 @@ def distribute(
                 for i, place in enumerate(line.places)
             ]
         else:
-            at_nodes = _at_nodes(types, pulse.sight, scales, pulse.weight, pixels)
+            at_nodes = _collect_at_nodes(types, pulse.sight, scales, pulse.weight, pixels)
         for i, (sample, taps, layers) in enumerate(zip(pulse.samples, pulse.taps, at_nodes, strict=True)):
             active = pulse.valid[i] if pulse.valid else True
             for value in layers:
@@ -633,10 +636,10 @@ def _conjugate(value: Complex) -> Complex:
     return value[0], -value[1]
 
 
-def _at_nodes(
+def _collect_at_nodes(
     types: ModuleType, sight: Sight, scales: Scales, weight: dr.ArrayBase, pixels: list[list[Complex]]
 ) -> list[list[Complex]]:
-    """Values of the nodes of all layers: the adjoint of :func:`.backprojection_kernel.between_nodes`."""
+    """Values of the nodes of all layers: the adjoint of :func:`.backprojection_kernel.interpolate_nodes`."""
     line = sight.line
     middle = sight.middle_phasor(types, scales, weight)
     factors = [times(middle, bend) for bend in sight.bends(types, scales)]

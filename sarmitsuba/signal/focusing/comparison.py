@@ -18,7 +18,7 @@ from sarmitsuba.signal.focusing.range_compression import range_compress
 from sarmitsuba.signal.focusing.windows import Window
 from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.metrics import coherence, image_error_db
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 
 @dataclass(frozen=True, eq=False)

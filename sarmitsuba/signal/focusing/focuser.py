@@ -23,7 +23,7 @@ from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.windows import Window
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 if TYPE_CHECKING:
     from typing_extensions import Self

@@ -25,7 +25,7 @@ from sarmitsuba.signal.focusing.aperture_weights import (
     range_gradients,
 )
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 # largest extent in cells of an image without a request
 _MAX_CELLS = 1024
@@ -330,14 +330,14 @@ class RangeInterpolation(LinearMap):
 
     def forward(self, values: C64) -> C64:
         """Pixels (n_layers, n_azimuth, n_range) of those on ``slant``, (n_layers, n_azimuth, n_slant)."""
-        return self._applied(self._matrix, values)
+        return self._apply_matrix(self._matrix, values)
 
     def adjoint(self, values: C64) -> C64:
         """Pixels on ``slant`` from those at the other ranges."""
-        return self._applied(self._matrix.conj().T, values)
+        return self._apply_matrix(self._matrix.conj().T, values)
 
     @staticmethod
-    def _applied(matrix: "scipy.sparse.sparray", values: C64) -> C64:
+    def _apply_matrix(matrix: "scipy.sparse.sparray", values: C64) -> C64:
         flat = values.reshape(-1, values.shape[-1])
         return np.asarray((matrix @ flat.T).T, dtype=np.complex64).reshape(*values.shape[:-1], -1)
 

@@ -12,7 +12,7 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.look_geometry import LookGeometry, geometries
 from sarmitsuba.signal.focusing.windows import parse_window
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.look_grid import LookGrid
+from sarmitsuba.signal.look_grid import LookGrid
 
 # resolution cells around the image whose side lobes are included
 _MARGIN = 24.0

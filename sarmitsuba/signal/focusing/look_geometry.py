@@ -17,7 +17,7 @@ from sarmitsuba.signal.focusing.aperture_weights import (
     pulse_ranges,
 )
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.look_grid import BeamFan, LookGrid
+from sarmitsuba.signal.look_grid import BeamFan, LookGrid
 
 LEAST_AGREEMENT = 0.99
 """Least coherence of clutter with backprojection's image for an image made from looks."""
@@ -43,7 +43,7 @@ class LookGeometry:
     ----------
     time : (n_looks,) float64, s
     position, velocity : (n_looks, 3) float64, m and m/s, scene frame
-    fan, antenna : see :class:`sarmitsuba.signal.raw.look_grid.LookGrid`
+    fan, antenna : see :class:`sarmitsuba.signal.look_grid.LookGrid`
     edges : (n + 1,) ascending limits of the interval that each of the n illuminating pulses represents: time (s) from
         the look's, or with a fan the angle (rad) of the line of sight off the beam axis at the image's centre
     weights : (n,) of these pulses
@@ -147,7 +147,7 @@ def _one_look(radar: Radar, weights: F64) -> LookGeometry:
     velocity = track.velocity[track.center_index]
     if spread > 0.0:
         velocity = (share * centered) @ (track.position - share @ track.position) / spread
-    tau, weights = _lit(track.time - time, weights)
+    tau, weights = _cut_to_lit(track.time - time, weights)
     return LookGeometry(
         np.array([time]), position[None], velocity[None], None, np.zeros(1), _edges(tau, 1e-6), weights
     )
@@ -187,7 +187,7 @@ def _looks_along_sweep(
     legs = middle - track.position
     towards = np.einsum("ij,ij->i", legs, track.velocity) / np.linalg.norm(legs, axis=1) / speed
     weights = matched_weights(radar, middle, azimuth_window)
-    angle, lit = _lit(np.arcsin(np.clip(towards, -1.0, 1.0)) - np.arcsin(sine), weights)
+    angle, lit = _cut_to_lit(np.arcsin(np.clip(towards, -1.0, 1.0)) - np.arcsin(sine), weights)
     order = np.argsort(angle, kind="stable")
     angle, lit = angle[order], lit[order]
     aperture = float(lit.sum() ** 2 / np.sum(lit**2)) * speed * float(np.mean(np.diff(track.time)))
@@ -251,7 +251,7 @@ def passing_time(radar: Radar, point: F64) -> float | None:
     return float(time[i] + part * (time[i + 1] - time[i]))
 
 
-def _lit(place: F64, weights: F64) -> tuple[F64, F64]:
+def _cut_to_lit(place: F64, weights: F64) -> tuple[F64, F64]:
     """Places of the pulses from the first to the last that has a weight, and the weights."""
     lit = np.flatnonzero(weights > 0.0)
     return place[lit[0] : lit[-1] + 1], weights[lit[0] : lit[-1] + 1]
@@ -299,8 +299,8 @@ def _agreement(
                 return 0.0, place
             continue  # outside the beam of all pulses: no comparison possible
         along, ahead = _wavenumbers(radar, grid, geometry, place)
-        along, ahead = (_lit(v, weights)[0] for v in (along, ahead))
-        lit = _lit(along, weights)[1]
+        along, ahead = (_cut_to_lit(v, weights)[0] for v in (along, ahead))
+        lit = _cut_to_lit(along, weights)[1]
         order = np.argsort(along, kind="stable")
         along, ahead, lit = along[order], ahead[order], lit[order]
         own = np.concatenate([[0.0], np.cumsum(lit)])

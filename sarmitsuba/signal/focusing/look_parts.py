@@ -11,7 +11,7 @@ import scipy.fft
 
 from sarmitsuba.core.arrays import C64, F32
 from sarmitsuba.signal.focusing.look import Look, resample
-from sarmitsuba.signal.raw.look_grid import LookGrid
+from sarmitsuba.signal.look_grid import LookGrid
 
 # cells about the echoes of a part beyond which its side lobes are left out: 64 resolution cells
 REACH = 128

@@ -16,9 +16,9 @@ from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.signal.focusing.aperture_weights import direction_gain
 from sarmitsuba.signal.focusing.focuser import Focuser, check_focuser
+from sarmitsuba.signal.gridding import gridding_kernel
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.gridding import gridding_kernel
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 MOTION_COMPENSATIONS = ("auto", "off")
 # largest residual phase after compensation for the beam's centre at any pixel of the image, rad
@@ -220,7 +220,9 @@ def compensation_residual(plan: Straightening, grid: ImageGrid) -> Residual:
         left = distance - plan.excess(slant[:, None])[:, 0]
         phase = max(phase, kc * float(np.abs((left - slant)[lit]).max()))
         echo = np.exp(-1j * kc * (left - plan.reference_history(plan.x))).astype(np.complex64)
-        moved = _along(echo[:, None], place)[:, 0] * np.exp(-1j * kc * plan.reference_history(uniform))
+        moved = _interpolate_pulses(echo[:, None], place)[:, 0] * np.exp(
+            -1j * kc * plan.reference_history(uniform)
+        )
         straight = np.linalg.norm(point - plan.straight.track.position, axis=1)
         error = moved * np.exp(1j * kc * straight) - density
         seen = np.interp(uniform, plan.x, lit) > 0.5
@@ -332,7 +334,7 @@ class MotionCompensation(LinearMap):
                 place, turn = self._excess(part)
                 moved[part] = _sample(spectrum, place) * turn
             if self.place is not None:
-                moved = _along(moved, self.place)
+                moved = _interpolate_pulses(moved, self.place)
             data[layer] = moved * self.back[:, None]
         return data
 
@@ -427,7 +429,7 @@ def _adjoint_sample(values: NDArray[np.complexfloating], place: F64, n: int) -> 
     return np.asarray(spectrum * _gain(n), dtype=np.complex64)
 
 
-def _along(data: C64, place: F64) -> C64:
+def _interpolate_pulses(data: C64, place: F64) -> C64:
     """Pulses at fractional places, (n_pulses, n) complex64."""
     n = int(scipy.fft.next_fast_len(data.shape[0] + 2 * _GUARD))
     out = np.empty_like(data)
@@ -442,7 +444,7 @@ def _along(data: C64, place: F64) -> C64:
 
 
 def _adjoint_along(data: C64, place: F64) -> C64:
-    """Adjoint of :func:`_along`."""
+    """Adjoint of :func:`_interpolate_pulses`."""
     n = int(scipy.fft.next_fast_len(data.shape[0] + 2 * _GUARD))
     out = np.empty_like(data)
     step = max(1, _BATCH // n)

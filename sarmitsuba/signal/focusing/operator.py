@@ -22,8 +22,8 @@ from sarmitsuba.signal.focusing.motion_compensation import MotionCompensation
 from sarmitsuba.signal.focusing.range_compression import RangeCompression
 from sarmitsuba.signal.focusing.windows import Window
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.pulse_motion import BoresightPhase
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.pulse_motion import BoresightPhase
+from sarmitsuba.signal.raw_data import Layer, RawData
 
 
 class FocusingOperator(scipy.sparse.linalg.LinearOperator):

@@ -38,7 +38,7 @@ from sarmitsuba.signal.focusing.backprojection_kernel import (
 from sarmitsuba.signal.focusing.profiles import ProfilePlan, plan_profiles
 from sarmitsuba.signal.focusing.windows import Window
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 LONGEST_LINE = 32
 # line length where every pixel is interpolated: longer lines save no time
@@ -128,7 +128,7 @@ def nodes_needed(kappa: float, bend: float, tolerance: float) -> int | None:
     bends = np.zeros(_SERIES)
     bends[::2] = _power_terms(bend)[: bends[::2].size]
     series = np.convolve(_power_terms(kappa), bends)[order]
-    enough = np.flatnonzero(_missed() @ series <= tolerance)
+    enough = np.flatnonzero(_bound_series() @ series <= tolerance)
     return int(enough[0]) + 1 if enough.size else None
 
 
@@ -138,7 +138,7 @@ def _power_terms(x: float) -> F64:
 
 
 @cache
-def _missed() -> F64:
+def _bound_series() -> F64:
     """Share (``_MOST_NODES``, ``_SERIES``) of the n-th power that a polynomial through k = 1, 2, ... points misses."""
     share = np.zeros((_MOST_NODES, _SERIES))
     for k in range(1, _MOST_NODES + 1):
@@ -236,10 +236,10 @@ def may_leave_window(radar: Radar, grid: ImageGrid) -> bool:
     if radar.receiver is not None:
         return True
     padded = grid.azimuth[0], grid.azimuth[-1] + LONGEST_LINE * grid.azimuth_spacing
-    return not _within(radar, *_range_bounds(grid, np.array(padded), radar.track.position))
+    return not _lies_within(radar, *_range_bounds(grid, np.array(padded), radar.track.position))
 
 
-def _within(radar: Radar, near: F64, far: F64) -> bool:
+def _lies_within(radar: Radar, near: F64, far: F64) -> bool:
     """Whether ranges between bounds (n_pulses,) lie within every pulse's receive window."""
     start, spacing = radar.window.start_range, radar.window.sample_spacing
     end = start + (radar.window.n_samples - 1) * spacing

@@ -80,7 +80,7 @@ class ImagePlacement:
         high = np.minimum(low + 1, len(position) - 1)
         return np.asarray(position[low] + (middle - low)[:, None] * (position[high] - position[low]))
 
-    def imaged(self, points: F64, motion: Motion = STILL) -> tuple[F64, F64]:
+    def locate(self, points: F64, motion: Motion = STILL) -> tuple[F64, F64]:
         """Azimuth and range (n,), m of the grid, at which the image shows points (n, 3), m, given at time zero.
 
         NaN where no place has that history (below the track).

@@ -10,7 +10,7 @@ from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.parameters import did_you_mean
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.windows import Window
-from sarmitsuba.signal.raw.gridding import GriddingKernel, gridding_kernel
+from sarmitsuba.signal.gridding import GriddingKernel, gridding_kernel
 
 INTERPOLATIONS = {"linear": 2, "kernel": 6, "kernel:4": 4, "kernel:6": 6, "kernel:8": 8}
 """Kernel widths, in samples, of the interpolations by their names."""

@@ -11,10 +11,10 @@ from sarmitsuba.core.arrays import C64, C128, LinearMap
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.parameters import did_you_mean
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.signal.chirp import chirp_spectrum, n_fast_chirped
 from sarmitsuba.signal.focusing.profiles import band_weights
 from sarmitsuba.signal.focusing.windows import parse_window
-from sarmitsuba.signal.raw.chirp import chirp_spectrum, n_fast_chirped
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 Compression = Literal["flat", "matched"]
 COMPRESSIONS: tuple[str, ...] = ("flat", "matched")
@@ -31,7 +31,7 @@ def compression_filter(radar: Radar, n_fft: int, method: str = "matched") -> C12
 
     Both give a point of echo amplitude A the peak A. ``matched`` is best against noise and leaves the pulse's Fresnel
     ripple and the -6 dB at its band edges, squared, in the profile's spectrum; ``flat`` divides them out,
-    which is the exact inverse of :func:`sarmitsuba.signal.raw.chirp.to_chirped`: a flat band, a pure sinc.
+    which is the exact inverse of :func:`sarmitsuba.signal.chirp.to_chirped`: a flat band, a pure sinc.
 
     Notes
     -----

@@ -56,8 +56,8 @@ class SummedWeights:
 
     def at(self, grid: ImageGrid) -> F32:
         """Sums (n_azimuth, n_range) float32 in all pixels."""
-        rows = _along(self.nodes[0], self.sums, grid.azimuth, 0)
-        unit = _along(self.nodes[1], np.eye(self.nodes[1].size), grid.range, 0)
+        rows = _spline_along(self.nodes[0], self.sums, grid.azimuth, 0)
+        unit = _spline_along(self.nodes[1], np.eye(self.nodes[1].size), grid.range, 0)
         return np.asarray(rows.astype(np.float32) @ unit.T.astype(np.float32))
 
 
@@ -94,7 +94,7 @@ def sum_at_nodes(grid: ImageGrid, sums: Callable[[ImageGrid], F64], most: int = 
             places = [halfway if other == axis else nodes[other] for other in (0, 1)]
             found = sums(replace(grid, azimuth=places[0], range=places[1]))
             error = _error_power(
-                found, _along(nodes[axis], values, halfway, axis) - found, float(values.max())
+                found, _spline_along(nodes[axis], values, halfway, axis) - found, float(values.max())
             )
             order = np.argsort(np.concatenate([nodes[axis], halfway]))
             values = np.concatenate([values, found], axis=axis).take(order, axis=axis)
@@ -105,7 +105,7 @@ def sum_at_nodes(grid: ImageGrid, sums: Callable[[ImageGrid], F64], most: int = 
     return SummedWeights((nodes[0], nodes[1]), values, power[0] + power[1])
 
 
-def _along(nodes: F64, values: F64, places: F64, axis: int) -> F64:
+def _spline_along(nodes: F64, values: F64, places: F64, axis: int) -> F64:
     """Cubic splines along one axis of values at nodes; the value itself where there is one node."""
     if nodes.size == 1:
         return np.repeat(values, places.size, axis=axis)

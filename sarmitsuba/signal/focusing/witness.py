@@ -16,7 +16,7 @@ from sarmitsuba.signal.focusing.focusers.backprojection import backproject
 from sarmitsuba.signal.focusing.profiles import plan_profiles
 from sarmitsuba.signal.focusing.windows import Window
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.raw_data import Layer, RawData
 
 # pixels of an image, of one that is exact backprojection already, and the fewest
 PIXELS, PIXELS_OF_EXACT, _FEWEST = 64, 16, 6
@@ -163,7 +163,10 @@ def _sum_of(pixels: C64, layers: Sequence[Layer], channel: str) -> C64:
 def _count(raw: RawData, grid: ImageGrid, focuser: Focuser) -> int:
     """Number of pixels that take a small part of the time of focusing."""
     radar = raw.radar
-    most = PIXELS_OF_EXACT if focuser.name == EXACT else PIXELS
+    exact = (
+        focuser.name == EXACT and focuser.options == type(focuser)().options
+    )  # without a coarser interpolation
+    most = PIXELS_OF_EXACT if exact else PIXELS
     profiles = _SAMPLE_SECONDS * len(raw.channels) * raw.data[0].size
     allowed = max(_SHARE * len(raw.layers) * focuser.cpu_seconds(radar, grid), _ALWAYS) - profiles
     return int(np.clip(allowed / (_PAIR_SECONDS * radar.track.n_pulses), min(_FEWEST, most), most))

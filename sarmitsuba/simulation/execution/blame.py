@@ -10,7 +10,7 @@ import numpy as np
 
 from sarmitsuba.core.arrays import all_finite
 from sarmitsuba.core.errors import ExtensionError, SceneError
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.simulation.execution.recording import Recording
 from sarmitsuba.tracing.kernel.stage import own_stages
 from sarmitsuba.tracing.kernel.state import RECIPROCAL
@@ -38,7 +38,7 @@ class NotFinite:
         return ~contribution.finite
 
 
-def blamed(
+def find_blame(
     launch: Callable[[Recording], None],
     n_lanes: int,
     max_depth: int,
@@ -73,7 +73,7 @@ def blamed(
         return f"{echo} from a scatterer other than a surface (wire, edge, volume or pair)"
     face = int(faces[-1])
     shape = geometry.mesh_names[int(np.searchsorted(geometry.mesh_face_offset, face, side="right")) - 1]
-    material = with_parts(materials)[int(geometry.face_material[face])]
+    material = list_with_parts(materials)[int(geometry.face_material[face])]
     return f'{echo} that ends on the shape "{shape}", face {face}, material "{material.name}",'
 
 

@@ -19,13 +19,12 @@ from sarmitsuba.core.arrays import C64, F64, sum_energy
 from sarmitsuba.core.constants import SUBSET_SHARES
 from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.core.witness import Witness
-from sarmitsuba.signal.raw.raw_data import Layer
-from sarmitsuba.simulation.execution.batches import Batch, BatchTracer, Traced
+from sarmitsuba.signal.raw_data import Layer
+from sarmitsuba.simulation.execution.error_bars import estimate_error, has_subsets
 from sarmitsuba.simulation.execution.finished import FinishedBlocks
 from sarmitsuba.simulation.execution.ray_witness import witness_rays
-from sarmitsuba.simulation.execution.refinement.error_bars import estimate_error, has_subsets
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
-from sarmitsuba.simulation.execution.tracing import Tracer
+from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, Traced, Tracer
 from sarmitsuba.simulation.planning.sampling.rays import Rays
 from sarmitsuba.tracing.kernel.launch import LaunchFrame, LaunchGrid
 
@@ -57,8 +56,8 @@ STRIP = 0.05
 STRIP_ENERGY = 11.0 / 16.0
 # golden section: its multiples modulo one are evenly distributed
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
-# pulses at which the error of the rays is measured
-RAY_PULSES = 3
+# most pulses at which the error of the rays is measured, and rays that pay for the launches of one
+RAY_PULSES, RAYS_A_PULSE = 3, 4e5
 # margin required of the error on a strip, dB: bright targets elsewhere may hold more of the image than of the error
 SURE_DB = 3.0
 
@@ -150,7 +149,7 @@ class Blocks:
         """Trace batches after ``before`` others; statistics are yielded in order, so that sums have the same bits."""
         waiting: dict[Batch, TraceStatistics] = {}
         told = 0
-        for n, traced in enumerate(self._traced(todo, self.spread), before + 1):
+        for n, traced in enumerate(self._trace(todo, self.spread), before + 1):
             waiting[traced.batch] = traced.statistics
             share = n / (before + len(todo))
             if todo[told] not in waiting:
@@ -159,7 +158,7 @@ class Blocks:
                 yield share, waiting.pop(todo[told])
                 told += 1
 
-    def _traced(
+    def _trace(
         self, batches: Sequence[Batch], spread: Callable[[Sequence[Batch]], Iterator[Traced]]
     ) -> Iterator[Traced]:
         """Batches, stored in ``data`` before they are yielded: first those of an interrupted run, then new ones."""
@@ -255,7 +254,7 @@ class Blocks:
             share = first.stop / self.data.shape[1]
         else:
             first, share = self._batch(self._middle, 0), 1.0 / len(self.blocks)
-        (traced,) = self._traced([first], self._here)
+        (traced,) = self._trace([first], self._here)
         return share, traced.statistics
 
     @property
@@ -267,7 +266,7 @@ class Blocks:
         """Trace one block with all ray subsets, up to the first pulse of the next block."""
         total = TraceStatistics()
         subsets = [self._batch(index, subset) for subset in range(self.rays.n_subsets)]
-        for traced in self._traced(subsets, self._here):
+        for traced in self._trace(subsets, self._here):
             total = total.plus(traced.statistics)
         self.done.add(index)
         return total
@@ -332,7 +331,7 @@ class Blocks:
             energy_here = energy[channel]
             if len(pulses) < FEW_BOUNDARIES:  # a bound: the weaker of both
                 energy_here = min(energy_here, sum_energy(here))
-            over_energy = _over_db(sum_energy(change), energy_here)
+            over_energy = _relative_db(sum_energy(change), energy_here)
             out[channel] = over_energy + _mean_over_change_db(self.growth.get(channel, GROWTH))
         return out
 
@@ -385,7 +384,8 @@ class Blocks:
             return None
         chance = 0.5 / len(energy) + 0.5 * (energy / np.maximum(energy.sum(axis=0), 1e-300)).mean(axis=1)
         chance /= chance.sum()
-        middles = (np.arange(RAY_PULSES) + 0.5) / RAY_PULSES
+        n = int(np.clip(allowed / RAYS_A_PULSE, 1, RAY_PULSES))
+        middles = (np.arange(n) + 0.5) / n
         pulses = np.minimum(np.searchsorted(np.cumsum(chance), middles), chance.size - 1)
         first = int(pulses[np.argmax(chance[pulses])])
         rays = tuple(grid for grid in self.rays.at(first)[0] if grid.serves(first))
@@ -489,7 +489,7 @@ class Blocks:
         all_rays, share = self.rays.at(pulse)[0], 1.0
         if rays is not all_rays:
             share = STRIP_ENERGY * sum(g.n_rays for g in rays) / sum(g.n_rays for g in all_rays)
-        other = self._at([_shifted(grid) for grid in rays], pulse)
+        other = self._at([_shift_lattice(grid) for grid in rays], pulse)
         out = {}
         for channel in dict.fromkeys(layer.channel for layer in self.layers):
             change = self._channel(other, channel) - self._channel(here, channel)
@@ -533,7 +533,7 @@ def strip(grid: LaunchGrid, frame: LaunchFrame, share: float = STRIP, place: flo
     )
 
 
-def _shifted(grid: LaunchGrid) -> LaunchGrid:
+def _shift_lattice(grid: LaunchGrid) -> LaunchGrid:
     """Lattice shifted by half the diagonal of its cell, each level by half of its own."""
     spacing = np.array([level.spacing for level in grid.every_level], dtype=np.float32)
     half = np.float32(0.5 * np.sqrt(2.0)) * spacing[grid.level]
@@ -550,8 +550,8 @@ def _mean_over_change_db(growth: float) -> float:
 
 def _ratio_db(error: C64, signal: C64) -> float:
     """Ratio of the energies of error and signal, dB; -inf where there is no signal."""
-    return _over_db(sum_energy(error), sum_energy(signal))
+    return _relative_db(sum_energy(error), sum_energy(signal))
 
 
-def _over_db(energy: float, reference: float) -> float:
+def _relative_db(energy: float, reference: float) -> float:
     return db_from_power(energy / reference) if energy > 0.0 and reference > 0.0 else -np.inf

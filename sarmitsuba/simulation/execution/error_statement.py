@@ -19,7 +19,7 @@ from sarmitsuba.effects.theory_error import (
     STRONG_DB,
     TheoryError,
     rms_db,
-    stated,
+    state_error,
     theory_error,
     too_many,
     waves_left,
@@ -27,7 +27,7 @@ from sarmitsuba.effects.theory_error import (
 from sarmitsuba.scene.mesh.double_faces import double_faces
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.visible_faces import VisibleFaces
-from sarmitsuba.simulation.planning.sampling.refined_spacing import POOR_DB, error_text, worst
+from sarmitsuba.simulation.planning.sampling.rays import POOR_DB, error_text, worst
 
 # dB, total error above which a sweep is warned of
 DOUBTFUL_DB = 3.0
@@ -213,15 +213,15 @@ class ErrorStatement:
         """Statement in one line."""
         counted = self.theory.counted
         parts = [
-            f"sampling {_measured(self.sampling_db[counted])}",
-            f"bounces left out {_measured(self.bounces_db[counted])}",
+            f"sampling {_take_measured(self.sampling_db[counted])}",
+            f"bounces left out {_take_measured(self.bounces_db[counted])}",
             f"{self.theory.text}, law",
         ]
         if self.currents:
-            parts = [f"mesh {_measured(self.sampling_db[counted])}", self.currents]
+            parts = [f"mesh {_take_measured(self.sampling_db[counted])}", self.currents]
         if self.facets is not None:
             # on the smooth surface, of which there are no solved currents
-            level = (_law if self.currents else _measured)(self.facets_db[counted])
+            level = (_law if self.currents else _take_measured)(self.facets_db[counted])
             parts.insert(1, f"facets of a round body {level}")
         return f"expected error (rms, down to {STRONG_DB:g} dB below the peak): {self._total_text}: {', '.join(parts)}"
 
@@ -230,7 +230,7 @@ class ErrorStatement:
         if self.theory.unknown:
             return "not known"
         if self.worst_db > DOUBTFUL_DB:
-            return stated(self.worst_db)
+            return state_error(self.worst_db)
         return f"within {_level(self.total_db[self.theory.counted])}"
 
     @property
@@ -244,19 +244,17 @@ class ErrorStatement:
             np.nan_to_num(np.fmax(self.sampling_db, self.bounces_db))[self.theory.counted].max(initial=0.0)
         )
         if self.currents:
-            return f"levels are {stated(self.worst_db)} by the mesh ({self.currents}); {self.remedy}"
+            return f"levels are {state_error(self.worst_db)} by the mesh ({self.currents}); {self.remedy}"
         if self.facets is not None and float(self.facets_db[self.theory.counted].max()) > max(
             sampled, self.theory.worst_db
         ):
-            return (
-                f"levels are {stated(self.worst_db)} if facets stand for a round body; take more, or --smooth"
-            )
+            return f"levels are {state_error(self.worst_db)} if facets stand for a round body; take more, or --smooth"
         if sampled > self.theory.worst_db:
             remedy = "set a smaller ray_spacing, or a higher max_depth"
         else:
             first = self.theory.causes[0].text if self.theory.causes else ""
             remedy = next((r for key, r in _REMEDIES.items() if key in first), self.remedy)
-        return f"levels are {stated(self.worst_db)} ({self.theory.text}); {remedy}"
+        return f"levels are {state_error(self.worst_db)} ({self.theory.text}); {remedy}"
 
     def as_dict(self, channels: tuple[str, ...]) -> dict[str, object]:
         """Values for JSON; None where they are not known."""
@@ -288,7 +286,7 @@ def _level(values: F64) -> str:
     )
 
 
-def _measured(values: F64) -> str:
+def _take_measured(values: F64) -> str:
     text = _level(values)
     return text if text == "not measured" else f"{text} (measured here)"
 

@@ -12,7 +12,7 @@ from sarmitsuba.scene.scatterers import targets_by_kind
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.look import adjoint_cells, form_image
 from sarmitsuba.signal.focusing.look_parts import GridPart, PartImages, PowerResponse
-from sarmitsuba.signal.raw.sub_bands import RangeFilter
+from sarmitsuba.signal.sub_bands import RangeFilter
 from sarmitsuba.simulation.execution.image import Imager
 from sarmitsuba.simulation.execution.tracing import MAX_GRID_BYTES
 from sarmitsuba.tracing.kernel.launch import LaunchGrid
@@ -200,7 +200,7 @@ class GroupedLook:
         part = part or GridPart(0, 0, grid.n_range, grid.n_azimuth)
         own = part.of(grid)
         out = np.zeros((len(self.channels), part.rows, part.columns), dtype=np.complex64)
-        for share, blocks in self._by_share():
+        for share, blocks in self._divide_by_share():
             edge = max(block.values.shape[-1] for block in blocks)
             # the last tiles reach beyond the grid, tiles at the rim of a part beyond that
             plane = np.zeros((len(self.channels), part.rows + edge, part.columns + edge), dtype=np.complex64)
@@ -210,7 +210,7 @@ class GroupedLook:
                     n = values.shape[-1]
                     plane[:, row : row + n, column : column + n] += values
             inner = plane[:, : part.rows, : part.columns]
-            out += own.filtered(inner, share, self.radar.waveform.wavelength)
+            out += own.filter_cells(inner, share, self.radar.waveform.wavelength)
         return out
 
     def powers_of(
@@ -260,7 +260,7 @@ class GroupedLook:
         """Image (n_channels, n_azimuth, n_range) complex64 of :meth:`cells`."""
         return form_image(cells, self.look, self.radar)
 
-    def _by_share(self) -> list[tuple[RangeFilter | None, list[EchoBlocks]]]:
+    def _divide_by_share(self) -> list[tuple[RangeFilter | None, list[EchoBlocks]]]:
         """EchoBlocks of every share of the band; frequency after frequency in the order of tracing."""
         shares: list[RangeFilter | None] = []
         for block in self.blocks:
@@ -279,9 +279,9 @@ class GroupedLook:
         grid = self.look.grid
         out = np.zeros(self.owners.n_groups)
         back = adjoint_cells(image, self.look, self.radar)
-        for share, blocks in self._by_share():
+        for share, blocks in self._divide_by_share():
             edge = max(block.values.shape[-1] for block in blocks)
-            part = grid.filtered(back, share, self.radar.waveform.wavelength)
+            part = grid.filter_cells(back, share, self.radar.waveform.wavelength)
             part = np.pad(part, ((0, 0), (0, edge), (0, edge)))
             for block in blocks:
                 n = block.values.shape[-1]

@@ -19,25 +19,29 @@ from sarmitsuba.signal.focusing.look import Look, form_image, plan_look
 from sarmitsuba.signal.focusing.look_geometry import passing_time, sweeps
 from sarmitsuba.signal.focusing.windows import parse_window
 from sarmitsuba.signal.image import ImageGrid, SarImage
-from sarmitsuba.signal.raw.noise import noise_generator, noise_power
-from sarmitsuba.signal.raw.raw_data import Layer
-from sarmitsuba.signal.raw.sub_bands import RangeFilter, SubBands
+from sarmitsuba.signal.noise import noise_generator, noise_power
+from sarmitsuba.signal.raw_data import Layer
+from sarmitsuba.signal.sub_bands import RangeFilter, SubBands
 from sarmitsuba.simulation.execution.blame import check_traced
+from sarmitsuba.simulation.execution.error_bars import estimate_error, has_subsets
 from sarmitsuba.simulation.execution.metadata import image_metadata
-from sarmitsuba.simulation.execution.point_legs import PointLegs, over_band, takes_part
-from sarmitsuba.simulation.execution.point_taps import PointTaps, point_taps
-from sarmitsuba.simulation.execution.points import PointEcho
-from sarmitsuba.simulation.execution.pulses import AntennaStates
+from sarmitsuba.simulation.execution.points import (
+    PointEcho,
+    PointLegs,
+    PointTaps,
+    build_legs,
+    point_taps,
+    takes_part,
+)
 from sarmitsuba.simulation.execution.raster import Raster
 from sarmitsuba.simulation.execution.ray_witness import halved_plan, say_rays, witness_rays
-from sarmitsuba.simulation.execution.refinement.error_bars import estimate_error, has_subsets
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
-from sarmitsuba.simulation.execution.tracing import MAX_LANES, Tracer, polarisation_up
+from sarmitsuba.simulation.execution.tracing import MAX_LANES, AntennaStates, Tracer, polarisation_up
 from sarmitsuba.simulation.planning.prediction.counting import WITNESS_LEAST, WITNESS_SHARE
-from sarmitsuba.simulation.planning.sampling.checks import check_small_parts
+from sarmitsuba.simulation.planning.sampling.rays import check_small_parts
+from sarmitsuba.tracing.kernel.accumulators import ImageAccumulator
 from sarmitsuba.tracing.kernel.launch import LaunchGrid
-from sarmitsuba.tracing.kernel.look_accumulator import ImageAccumulator
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene
 from sarmitsuba.tracing.kernel.source import Launch
 from sarmitsuba.tracing.kernel.stage import stages_of
@@ -138,12 +142,12 @@ class Imager:
         """
         run = self.run
         run.statistics, run.witnesses = TraceStatistics(), {}
-        data = self._looked(pass_index)
+        data = self._image_look(pass_index)
         if self.sampling is not None and (
             halved := halved_plan(self.sampling, self.rays(pass_index), run.witnesses.get("rays"))
         ):
             self.sampling, self._lattices = halved, {}
-            data = self._looked(pass_index)
+            data = self._image_look(pass_index)
         check_traced(data, 0.0, run.scene.name)
         if not data.any():
             raise RadarError(
@@ -156,9 +160,9 @@ class Imager:
         if run.plan.on("noise"):
             self._add_noise(data, run.layers.layers)
             run.timer.lap("noise")
-        return self.packed(data)
+        return self.pack(data)
 
-    def _looked(self, pass_index: int) -> C64:
+    def _image_look(self, pass_index: int) -> C64:
         """Pixels of all layers, without noise, and the witness of the rays in the run."""
         run, look = self.run, self.look
         radar, layers = run.scene.radar, run.layers
@@ -167,7 +171,7 @@ class Imager:
         for i, subset in enumerate(layers.subsets):
             cells = np.zeros((layers.per_subset, look.grid.n_range, look.grid.n_azimuth), np.complex64)
             if self.sampling is not None:
-                cells = self._traced(self.rays(pass_index)[i])
+                cells = self._trace(self.rays(pass_index)[i])
             if run.scene.points:
                 cells = cells + self._points(layers.layers[: layers.per_subset])
             seen.append(cells * np.float32(SUBSET_SHARES[subset]))
@@ -202,13 +206,13 @@ class Imager:
         allowed = max(WITNESS_SHARE * (before.rays + before.contributions), WITNESS_LEAST)
 
         def traced(some: Sequence[LaunchGrid]) -> C64:
-            return by_channel(self._traced(tuple(some)))
+            return by_channel(self._trace(tuple(some)))
 
         found = witness_rays(traced, rays, energy, scatter, seed, allowed)
         self.run.statistics = before
         return found
 
-    def packed(self, data: C64) -> SarImage:
+    def pack(self, data: C64) -> SarImage:
         """Image of one look from its pixels (n_layers, n_azimuth, n_range)."""
         return self._package(data, self.run.layers.layers, "image", self._look_cells())
 
@@ -266,7 +270,7 @@ class Imager:
                 self.run.notes += check_small_parts(self.sampling, self.run.shortfalls)
         return self._lattices[pass_index]
 
-    def _traced(self, rays: tuple[LaunchGrid, ...]) -> C64:
+    def _trace(self, rays: tuple[LaunchGrid, ...]) -> C64:
         """Contributions of one ray subset on the grid of the looks."""
         run, grid = self.run, self.look.grid
         wavelength = run.scene.radar.waveform.wavelength
@@ -277,7 +281,7 @@ class Imager:
 
         cells: C64 | None = None
         for accumulator, share in self.launched(rays, empty):
-            part = grid.filtered(np.asarray(accumulator.grid()), share, wavelength)
+            part = grid.filter_cells(np.asarray(accumulator.grid()), share, wavelength)
             cells = part if cells is None else cells + part
         assert cells is not None
         return cells
@@ -327,7 +331,7 @@ class Imager:
             for i, layer in enumerate(layers):
                 if layer.order in (0, 1):
                     part[i] = taps.on(grid, taps.values[i])
-            out += grid.filtered(part, share, wave.wavelength)
+            out += grid.filter_cells(part, share, wave.wavelength)
         return out
 
     def point_taps(self, channels: Sequence[str]) -> Iterator[tuple[PointTaps, RangeFilter | None]]:
@@ -337,7 +341,7 @@ class Imager:
         partly = takes_part(there, self.run.plan.flags)
         count = self.run.plan.sub_bands if partly else 1
         bands = SubBands(wave.center_frequency, wave.bandwidth, count)
-        standing = over_band(self.run.scene, there, bands)
+        standing = build_legs(self.run.scene, there, bands)
         for index, at in enumerate(standing):
             wavelength = SPEED_OF_LIGHT / float(bands.frequencies[index])
             looks = [self._seen_points(channels, look, at, wavelength) for look in range(grid.n_looks)]
@@ -444,7 +448,7 @@ class Imager:
         metadata = image_metadata(run, method, focus, self.sampling)
         run.timer = StageTimer(run.timer.clock)  # for the next image
         if self._tracer is not None:
-            self._tracer.timed(run.timer)
+            self._tracer.use_timer(run.timer)
         return SarImage(
             data=data,
             layers=layers,

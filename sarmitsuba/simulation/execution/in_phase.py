@@ -25,7 +25,7 @@ class PatchReturns:
     slant_range, range_rate : (n_patches, n_orders) float64, m and m/s, means weighted by amplitude
     range_bin, rate_bin : m and m/s, resolution cell
     scale : factor by which the mean product of two patches in one cell becomes the power of a patch, see
-        :func:`in_phase_power`
+        :func:`measure_in_phase`
     """
 
     field: C128
@@ -36,7 +36,7 @@ class PatchReturns:
     scale: float
 
 
-def in_phase_power(returns: PatchReturns) -> tuple[F64, F64]:
+def measure_in_phase(returns: PatchReturns) -> tuple[F64, F64]:
     r"""Mean power of returns that add up over resolution cells, and the variance of that mean, (n_orders,) each.
 
     With the field :math:`g` per launched area, the image of a launch window of area :math:`A` has the energy

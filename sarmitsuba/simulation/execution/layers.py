@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.raw.raw_data import Layer
+from sarmitsuba.signal.raw_data import Layer
 from sarmitsuba.tracing.scatterers.sources import most_bounces
 
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from sarmitsuba.core.arrays import C128, F64, I32, U8
 from sarmitsuba.core.errors import RadarError, SarmitsubaWarning
-from sarmitsuba.core.parameters import filled
+from sarmitsuba.core.parameters import fill_description
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.machine.backend import dr
 from sarmitsuba.machine.exclusive import exclusive
@@ -18,10 +18,9 @@ from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.simulation.execution.blame import blame_stages, check_traced
 from sarmitsuba.simulation.execution.points import point_echo, point_history
-from sarmitsuba.simulation.execution.pulses import AntennaStates
 from sarmitsuba.simulation.execution.recording import Gate, Recording, Rows
 from sarmitsuba.simulation.execution.run import Run
-from sarmitsuba.simulation.execution.tracing import Tracer
+from sarmitsuba.simulation.execution.tracing import AntennaStates, Tracer
 from sarmitsuba.simulation.planning.prediction.counting import check_rays
 from sarmitsuba.simulation.planning.sampling.density_plan import azimuth_cell
 from sarmitsuba.simulation.planning.sampling.rays import Rays
@@ -57,7 +56,7 @@ class PathTable:
         which the path turns back is its phase centre: the diffuse scatterer, or the phase centre of the tube on the
         facet; of a pair of diffuse scatterers both bounces are given at the midpoint between the two
     face : (n, n_most) int32 row of ``Scene.geometry.faces``, beyond these of ground that
-        goes on (:func:`sarmitsuba.scene.ground.with_endless_ground`); -1 where there is none
+        goes on (:func:`sarmitsuba.scene.ground.continue_ground`); -1 where there is none
     shape : (n, n_most) int32 number of the mesh, -1 where there is none
     material : (n, n_most) int32 index into ``Scene.materials``, -1 where there is none
 
@@ -99,7 +98,7 @@ class PathTable:
         """Table of some of the rows: a slice, a mask, or one or more numbers."""
         pick = rows if isinstance(rows, slice) else np.atleast_1d(rows)
         one = {f.name: getattr(self, f.name)[pick] for f in fields(self) if f.name not in _NAMES}
-        return filled(self, one)
+        return fill_description(self, one)
 
     @property
     def slant_range(self) -> F64:
@@ -134,7 +133,7 @@ class PathTable:
 _NAMES = ("channels", "mesh_names", "material_names")
 
 
-def _named(path: PathTable) -> str:
+def _name_path(path: PathTable) -> str:
     """Description of one path."""
     order = int(path.order[0])
     shape, material = (int(v[0, order - 1]) for v in (path.shape, path.material))
@@ -177,7 +176,7 @@ def trace_paths(
     -------
     the paths whose sum is the pulse's echo by method ``raw`` with the same seed, without noise and with the effect
     ``wideband`` off: each contributes ``amplitude sinc((r - slant_range) / range_cell)``; with the effect
-    ``motion_in_pulse`` it is also shifted by its range rate, see :mod:`sarmitsuba.signal.raw.pulse_motion`
+    ``motion_in_pulse`` it is also shifted by its range rate, see :mod:`sarmitsuba.signal.pulse_motion`
 
     Raises
     ------
@@ -234,20 +233,22 @@ class PathTracer:
         if not cells > 0.0:
             raise RadarError(f"cells = {cells:g} is not above 0")
         gate = None if near is None else _gate(run.scene, np.asarray(near, dtype=np.float64), cells)
-        parts = [_of_points(run, pulse, gate) for pulse in wanted]
+        parts = [_list_points(run, pulse, gate) for pulse in wanted]
         if self._tracer is not None and self._rays is not None:
             for pulse in wanted:
                 self._tracer.pose(radar.track.time[pulse : pulse + 1])
                 serving = [grid for grid in self._rays.at(pulse)[0] if grid.serves(pulse)]
                 parts += [
-                    _of_launch(run, self._tracer, launch, pulse, gate)
+                    _trace_launch(run, self._tracer, launch, pulse, gate)
                     for launch in self._tracer.launches(serving, 1)
                 ]
-        table = joined(parts)
+        table = join_tables(parts)
         lost = ~(np.isfinite(table.power) & np.isfinite(table.length) & np.isfinite(table.range_rate))
         if lost.any():
-            blame_stages(run.plan.flags, f"{run.scene.name}: {_named(table[lost][0:1])}", lambda _: True)
-            check_traced(np.zeros(0, np.complex64), np.nan, run.scene.name, lambda: _named(table[lost][0:1]))
+            blame_stages(run.plan.flags, f"{run.scene.name}: {_name_path(table[lost][0:1])}", lambda _: True)
+            check_traced(
+                np.zeros(0, np.complex64), np.nan, run.scene.name, lambda: _name_path(table[lost][0:1])
+            )
         phase = np.exp(-2j * np.pi / radar.waveform.wavelength * table.length)
         table = replace(table, amplitude=table.amplitude * phase[:, None])
         return table[np.lexsort((-table.power, table.pulse))]
@@ -277,7 +278,7 @@ def _gate(scene: Scene, point: F64, cells: float) -> Gate:
     return Gate(distance, rate, np.full(distance.shape, cells * scene.radar.waveform.range_cell), half_rate)
 
 
-def _of_launch(run: Run, tracer: Tracer, launch: Launch, pulse: int, gate: Gate | None) -> PathTable:
+def _trace_launch(run: Run, tracer: Tracer, launch: Launch, pulse: int, gate: Gate | None) -> PathTable:
     """Paths of one launch from one pulse."""
     radar, part = run.scene.radar, launch.part
     pick = slice(pulse, pulse + 1)
@@ -291,11 +292,11 @@ def _of_launch(run: Run, tracer: Tracer, launch: Launch, pulse: int, gate: Gate 
         dr.eval(counts.hits, state, recording.memory)
         if recording.whole:
             rows = recording.rows()
-            return _table(run, tracer, rows, pulse) if part.rays else _of_places(run.scene, rows, pulse)
+            return _table(run, tracer, rows, pulse) if part.rays else _list_places(run.scene, rows, pulse)
         room = recording.found()
 
 
-def _of_places(scene: Scene, rows: Rows, pulse: int) -> PathTable:
+def _list_places(scene: Scene, rows: Rows, pulse: int) -> PathTable:
     """Table of scatterers at known positions; amplitudes still without the phase of the length."""
     order = rows.labels[:, 2].astype(np.int32)
     there = np.arange(1, int(order.max(initial=1)) + 1) <= order[:, None]
@@ -352,7 +353,7 @@ def _table(run: Run, tracer: Tracer, rows: Rows, pulse: int) -> PathTable:
     )
 
 
-def _of_points(run: Run, pulse: int, gate: Gate | None) -> PathTable:
+def _list_points(run: Run, pulse: int, gate: Gate | None) -> PathTable:
     """Table of the paths of visible ideal points at a pulse."""
     scene, pick = run.scene, slice(pulse, pulse + 1)
     channels = scene.radar.channels
@@ -406,15 +407,17 @@ def _empty(scene: Scene) -> PathTable:
     )
 
 
-def joined(tables: Sequence[PathTable]) -> PathTable:
+def join_tables(tables: Sequence[PathTable]) -> PathTable:
     """Concatenation of several tables of the same scene."""
     most = max(table.points.shape[1] for table in tables)
-    wide = [_widened(table, most) for table in tables]
+    wide = [_widen_table(table, most) for table in tables]
     columns = [f.name for f in fields(PathTable) if f.name not in _NAMES]
-    return filled(wide[0], {name: np.concatenate([getattr(t, name) for t in wide]) for name in columns})
+    return fill_description(
+        wide[0], {name: np.concatenate([getattr(t, name) for t in wide]) for name in columns}
+    )
 
 
-def _widened(table: PathTable, most: int) -> PathTable:
+def _widen_table(table: PathTable, most: int) -> PathTable:
     """Table with space for ``most`` bounces."""
     more = most - table.points.shape[1]
     pad = ((0, 0), (0, more))
@@ -422,4 +425,4 @@ def _widened(table: PathTable, most: int) -> PathTable:
         name: np.pad(getattr(table, name), pad, constant_values=-1) for name in ("face", "shape", "material")
     }
     points = np.pad(table.points, (*pad, (0, 0)), constant_values=np.nan)
-    return filled(table, {**numbers, "points": points})
+    return fill_description(table, {**numbers, "points": points})

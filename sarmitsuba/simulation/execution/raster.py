@@ -14,7 +14,7 @@ from sarmitsuba.core.units import amplitude_from_db
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.machine.backend import device_array, dr, mi
 from sarmitsuba.radar.polarisation import linear_parts
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.signal.focusing.windows import Window, parse_window
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
@@ -76,7 +76,7 @@ class Raster:
         self.notes: list[str] = []
         self.table = trace_scene.diffuse_table
         used = [scene.materials[i] for i in sorted(set(scene.geometry.face_material.tolist()))]
-        if not any(m.scatters for m in with_parts(used) if not m.invisible):
+        if not any(m.scatters for m in list_with_parts(used) if not m.invisible):
             self.table = self._stand_in()
         self.start = (-0.5 * (self.columns - 1) * self.spacing, -0.5 * (self.rows - 1) * self.spacing)
 
@@ -95,7 +95,9 @@ class Raster:
         warnings.warn(text, SarmitsubaWarning, stacklevel=4)
         theta = np.linspace(0.0, 0.5 * np.pi, DIFFUSE_NODES)
         one = amplitude_from_db(STAND_IN_DB) * np.cos(theta)
-        table = np.broadcast_to(one[None, :, None], (len(with_parts(self.scene.materials)), DIFFUSE_NODES, 2))
+        table = np.broadcast_to(
+            one[None, :, None], (len(list_with_parts(self.scene.materials)), DIFFUSE_NODES, 2)
+        )
         return device_array(mi.Float, np.asarray(table, dtype=np.float32))
 
     def run(self, flags: KernelFlags, cell_azimuth: float) -> C64:
@@ -212,7 +214,7 @@ class Raster:
         f32, water = mi.Float, self.trace_scene.water
         if water is not None:
             lit = dr.select(dr.dot(normal, d) > 0.0, -normal, normal)
-            cosine = dr.maximum(-dr.dot(water.tilted(lit, p, material, f32(0.0)), d), 1e-3)
+            cosine = dr.maximum(-dr.dot(water.tilt(lit, p, material, f32(0.0)), d), 1e-3)
         angle = dr.acos(dr.minimum(cosine, 1.0))
         theta = angle * ((DIFFUSE_NODES - 1) / (0.5 * np.pi))
         node = dr.minimum(mi.UInt32(theta), DIFFUSE_NODES - 2)

@@ -14,8 +14,8 @@ from sarmitsuba.core.timing import StageTimer
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.radar.height_error import NOTED_DB, WARNED_DB, height_error
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.raw.noise import add_noise
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.noise import add_noise
+from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution.blame import check_traced
 from sarmitsuba.simulation.execution.blocks import Blocks
 from sarmitsuba.simulation.execution.metadata import raw_metadata
@@ -31,9 +31,9 @@ from sarmitsuba.simulation.execution.witnesses import (
     effect_witness,
 )
 from sarmitsuba.simulation.planning.prediction.counting import WITNESS_LEAST
-from sarmitsuba.simulation.planning.sampling.checks import check_sampling, check_small_parts
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.planning.sampling.folding import check_folding
+from sarmitsuba.simulation.planning.sampling.rays import check_sampling, check_small_parts
 
 # error of blocks of pulses from which on a note says so, dB of the energy
 BLOCKS_SAID_DB = -20.0
@@ -140,14 +140,14 @@ def _report(run: Run, blocks: Blocks, rays: Witness | None) -> SamplingReport:
     """Report on traced blocks, whose data are weighted by the shares of the ray subsets; finds the run's witnesses."""
     error_db = blocks.error_db
     allowance, timer = Allowance.of(run.statistics, len(run.layers.subsets)), run.timer
-    blocks.tracer.timed(StageTimer(timer.clock))  # the seconds of tracing are those of the data
+    blocks.tracer.use_timer(StageTimer(timer.clock))  # the seconds of tracing are those of the data
     shared = block_witness(run, blocks, allowance)
     for plane, layer in zip(
         blocks.data, run.layers.layers, strict=True
     ):  # each subset is a whole image of its own
         plane *= np.float32(SUBSET_SHARES[layer.subset])
     run.witnesses = _witnesses(run, blocks, rays, shared, allowance)
-    blocks.tracer.timed(timer)
+    blocks.tracer.use_timer(timer)
     timer.lap("witnesses")
     pulse = run.scene.radar.track.center_index
     middle = [tuple(grid for grid in grids if grid.serves(pulse)) for grids in blocks.rays.at(pulse)]

@@ -18,7 +18,7 @@ from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.core.witness import USELESS_DB, Witness
-from sarmitsuba.simulation.planning.sampling.chains import every_nth, halved
+from sarmitsuba.simulation.planning.sampling.chains import every_nth, halve_spacing
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.tracing.kernel.launch import LaunchGrid
 
@@ -98,7 +98,7 @@ def _differences(
         drawn = [grid for grid in drawn if grid.n_rays]
         if drawn:
             step_of = np.float32(step * groups)
-            change.append(step_of * (profiles([halved(grid) for grid in drawn]) - profiles(drawn)))
+            change.append(step_of * (profiles([halve_spacing(grid) for grid in drawn]) - profiles(drawn)))
     each = np.stack(change)
     mean = each.mean(axis=0)
     axes = tuple(range(1, mean.ndim))

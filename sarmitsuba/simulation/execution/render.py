@@ -23,15 +23,15 @@ from sarmitsuba.signal.focusing.autofocus import Autofocuser
 from sarmitsuba.signal.focusing.focuser import DEFAULT, Focuser
 from sarmitsuba.signal.focusing.windows import Window
 from sarmitsuba.signal.image import ImageGrid, SarImage
-from sarmitsuba.signal.raw.raw_data import RawData
-from sarmitsuba.simulation.execution.batches import Workers
+from sarmitsuba.signal.raw_data import RawData
+from sarmitsuba.simulation.execution.error_bars import add_error_bars
 from sarmitsuba.simulation.execution.fingerprint import fingerprint
 from sarmitsuba.simulation.execution.finished import FinishedBlocks
 from sarmitsuba.simulation.execution.image import Imager
+from sarmitsuba.simulation.execution.passes import Refinement, refine
 from sarmitsuba.simulation.execution.raw import echoes
-from sarmitsuba.simulation.execution.refinement.error_bars import with_error_bars
-from sarmitsuba.simulation.execution.refinement.passes import Refinement, refine
 from sarmitsuba.simulation.execution.run import Ready, Run
+from sarmitsuba.simulation.execution.tracing import Workers
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +198,7 @@ def trace_run(
         return echoes(run, pass_index=options.pass_index, progress=progress)
     image = imager.image(options.pass_index) if settings.method == "image" else imager.raster()
     (progress or silent)(settings.method, 1.0, 1.0, {})
-    return with_error_bars(image)
+    return add_error_bars(image)
 
 
 def focus_echoes(raw: RawData, options: RenderOptions, progress: Progress | None = None) -> SarImage:
@@ -213,7 +213,7 @@ def focus_echoes(raw: RawData, options: RenderOptions, progress: Progress | None
         autofocus=options.autofocus,
         progress=progress or silent,
     )
-    return with_error_bars(image)
+    return add_error_bars(image)
 
 
 @exclusive

@@ -12,14 +12,13 @@ from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.machine.exclusive import take_threads
-from sarmitsuba.scene.ground import with_endless_ground
+from sarmitsuba.scene.ground import continue_ground
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.simulation.execution.batches import TraceJob, Workers, built
 from sarmitsuba.simulation.execution.finished import FinishedBlocks
 from sarmitsuba.simulation.execution.layers import LayerPlan
 from sarmitsuba.simulation.execution.statistics import SamplingReport, TraceStatistics
-from sarmitsuba.simulation.execution.tracing import Tracer
+from sarmitsuba.simulation.execution.tracing import TraceJob, Tracer, Workers, build_geometry
 from sarmitsuba.simulation.planning.pilot import examine, plan_in
 from sarmitsuba.simulation.planning.prediction.counting import needs_of
 from sarmitsuba.simulation.planning.prediction.needs import Needs
@@ -88,11 +87,11 @@ class Run:
                 "take method hybrid or raw"
             )
         self.timer, self.workers = StageTimer(clock), workers
-        scene = with_endless_ground(scene)
+        scene = continue_ground(scene)
         self.trace_scene: TraceScene | None = None
         self.sampling: SamplingPlan | None = None
         if scene.traced:
-            self.trace_scene, self._built_from = geometry or built(scene), scene
+            self.trace_scene, self._built_from = geometry or build_geometry(scene), scene
             self.timer.lap("build")
             glance()
             self.sampling = SamplingPlan.of(scene)
@@ -111,7 +110,7 @@ class Run:
         if self.sampling is not None and not self.scene.same_shapes(scene):
             # moving shapes were stopped, or something was left out
             if self.scene.traced:
-                self.trace_scene, self._built_from = built(self.scene), self.scene
+                self.trace_scene, self._built_from = build_geometry(self.scene), self.scene
             else:
                 self.trace_scene = self.sampling = None
         if self.sampling is not None:
@@ -149,7 +148,7 @@ class Run:
     def otherwise(self, scene: Scene) -> "Run":
         """Run of the same scene with other settings, its effects decided in the same context."""
         assert self.context is not None
-        continued = with_endless_ground(scene)
+        continued = continue_ground(scene)
         plan = plan_in(replace(self.context, scene=continued), warn=False)
         shared = self.trace_scene if continued.same_shapes(self._built_from) else None
         return Run(scene, plan=plan, clock=self.timer.clock, geometry=shared)

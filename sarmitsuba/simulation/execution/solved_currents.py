@@ -14,9 +14,9 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.omitted_waves import polarisation_vectors
 from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.radar.polarisation import linear_parts
-from sarmitsuba.scene.mesh.contacts import contacts
 from sarmitsuba.scene.mesh.double_faces import double_faces
 from sarmitsuba.scene.mesh.mirrors import count_pieces
+from sarmitsuba.scene.mesh.remesh import contacts
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.visible_faces import VisibleFaces
 from sarmitsuba.tracing.scatterers.currents.solution import (
@@ -223,7 +223,7 @@ def solve_currents(
         return str(full)
     whole = WholeSurface.of(target.corners, COARSEST * wave)
     if not len(whole.faces):
-        return _left(f"the surface is narrower than {JOINED * COARSEST:.1g} wavelengths", asked)
+        return _give_reason(f"the surface is narrower than {JOINED * COARSEST:.1g} wavelengths", asked)
     copies = 2 ** len(whole.normals)
     wanted = edge_length(target.area, copies)
     if wanted > COARSEST and not asked:
@@ -236,13 +236,15 @@ def solve_currents(
         "full_wave off",
     )
     for factor in AGAIN:  # chords of a narrow tip may cross each other in one mesh, and not in the next
-        fine = whole.meshed(factor * length * wave)
+        fine = whole.make_mesh(factor * length * wave)
         at = contacts(fine.vertices, fine.faces, TOUCHING * fine.length)
         if not len(at):
             break
     else:
         place = ", ".join(f"{v:.3g}" for v in at[0] + fine.center)
-        return _left(f"parts of the surface touch or cross without common edges, at ({place}) m", asked)
+        return _give_reason(
+            f"parts of the surface touch or cross without common edges, at ({place}) m", asked
+        )
     fields = np.stack(polarisation_vectors(directions, up), axis=1)
     meshes = sorted((fine, _coarser(whole, fine)), key=lambda mesh: -mesh.rms_edge)
     rough, fine = meshes
@@ -255,14 +257,14 @@ def solve_currents(
         found.append(scattering_matrices(mesh, wave, directions, fields, solved))
     turn = np.exp(-4j * np.pi / wave * (directions @ target.reference))[:, None]
     fine_one = found[1]
-    rough_part, amplitude = (turn * _in_channels(s.matrices, channels) for s in found)
+    rough_part, amplitude = (turn * _pick_channels(s.matrices, channels) for s in found)
     if not (all_finite(rough_part) and all_finite(amplitude)):
-        return _left("its equations have no single solution", asked)
+        return _give_reason("its equations have no single solution", asked)
     # currents at edges make the error fall as the length
     share = 1.0 / max(rough.rms_edge / fine.rms_edge - 1.0, 1e-3)
     by_mesh = np.square(share) * np.square(np.abs(amplitude - rough_part))
-    rest = np.square(np.abs(_in_channels(fine_one.losses, channels)))
-    rest += np.square(np.abs(_in_channels(fine_one.residual.astype(np.complex128), channels)))
+    rest = np.square(np.abs(_pick_channels(fine_one.losses, channels)))
+    rest += np.square(np.abs(_pick_channels(fine_one.residual.astype(np.complex128), channels)))
     witness = Witness.from_weighted(
         (by_mesh + rest).sum(axis=1),
         np.square(np.abs(amplitude)).sum(axis=1),
@@ -280,7 +282,7 @@ def _too_long(area: float, copies: int) -> str:
     return f"its currents would take about {seconds:.2g} processor seconds; full_wave = on solves them"
 
 
-def _left(why: str, asked: bool) -> str:
+def _give_reason(why: str, asked: bool) -> str:
     """The reason why currents are not solved; an error where they are asked for."""
     if asked:
         raise RadarError(f"rcs: full_wave = on, but {why}; leave it out, or mend the mesh")
@@ -290,13 +292,13 @@ def _left(why: str, asked: bool) -> str:
 def _coarser(whole: WholeSurface, fine: BodyMesh) -> BodyMesh:
     """Mesh with longer edges to compare with; where details of the body set their length, with shorter ones."""
     for factor in (COARSER, COARSER**2, COARSER**3, 1.0 / COARSER, 1.0 / COARSER**2):
-        mesh = whole.meshed(factor * fine.length)
+        mesh = whole.make_mesh(factor * fine.length)
         if not 1.0 / APART < mesh.rms_edge / fine.rms_edge < APART:
             return mesh
     return mesh
 
 
-def _in_channels(matrices: C128, channels: tuple[str, ...]) -> C128:
+def _pick_channels(matrices: C128, channels: tuple[str, ...]) -> C128:
     """Amplitudes (n, n_channels) from [direction, received, sent], H first."""
     return np.stack([_channel(matrices, c) for c in channels], axis=1)
 

@@ -23,12 +23,11 @@ from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.effects.effect import EFFECTS
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.signal.raw.raw_data import Layer
-from sarmitsuba.simulation.execution.batches import Batch, BatchTracer
+from sarmitsuba.signal.raw_data import Layer
 from sarmitsuba.simulation.execution.blocks import BOUNDARY_SCATTER_DB, EMPTY_DB, Blocks, partition, strip
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
-from sarmitsuba.simulation.execution.tracing import Tracer
+from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, Tracer
 from sarmitsuba.simulation.planning.pilot import plan_in
 from sarmitsuba.simulation.planning.prediction.counting import WITNESS_LEAST, WITNESS_SHARE
 from sarmitsuba.simulation.planning.sampling.rays import Rays
@@ -37,8 +36,8 @@ from sarmitsuba.simulation.planning.sampling.rays import Rays
 LAUNCH = 5e4
 # rays of a run from which one sample is taken whatever it costs: then at most a few per cent
 SHORT = 4e6
-# pulses or blocks traced again, at most
-MOST = 8
+# pulses or blocks traced again, at most; pulses against which blocks are held at least: one alone tells little
+MOST, FEWEST = 8, 3
 # least and largest share of the window in a strip, and rays of a pulse up to which no strip is taken: in one a few rays
 # wide its edges are most of the error
 LEAST_STRIP, WIDEST_STRIP, WHOLE = 0.1, 0.3, 3e5
@@ -112,9 +111,9 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
     rng = np.random.default_rng([run.scene.settings.seed & 0x7FFFFFFF, 0xB10C])
     launches = LAUNCH * allowance.subsets
     whole, part = allowance.pulse + launches, 2.0 * (LEAST_STRIP * allowance.pulse + launches)
-    share, n = 1.0, allowance.samples(whole)
+    share, n = 1.0, max(allowance.samples(whole), FEWEST * allowance.least)
     if allowance.allowed < whole and allowance.pulse > WHOLE:
-        n = allowance.samples(part)
+        n = max(allowance.samples(part), FEWEST * allowance.least)
         affordable = 0.5 * allowance.allowed / max(n, 1) - launches
         share = float(np.clip(affordable / allowance.pulse, LEAST_STRIP, WIDEST_STRIP))
     energy = blocks.energy_of_pulses()
@@ -125,7 +124,7 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
         start, stop = next(block for block in blocks.blocks if pulse < block[1])
         place = float(rng.uniform(-1.0, 1.0))
         sets = [
-            _of_subset(blocks, subset, (start, stop), pulse, share, place)
+            _trace_subset(blocks, subset, (start, stop), pulse, share, place)
             for subset in range(allowance.subsets)
         ]
         shared, exact = (np.sum(planes, axis=0) for planes in zip(*sets, strict=True))
@@ -138,10 +137,10 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
     strips = f" in strips of {100.0 * share:.0f} % of the window" if share < 1.0 else ""
     reference = f"every pulse traced, at {len(errors)} drawn pulses{strips}"
     found = _worst(np.array(errors), np.array(energies), np.array(here), blocks.error_db, reference)
-    return found and _with_boundaries(found, max(len(blocks.blocks) - 1, 0))
+    return found and _combine_boundaries(found, max(len(blocks.blocks) - 1, 0))
 
 
-def _with_boundaries(found: Witness, boundaries: int) -> Witness:
+def _combine_boundaries(found: Witness, boundaries: int) -> Witness:
     """Mean of the errors at drawn pulses and where blocks meet; at drawn pulses alone where these contradict it.
 
     Where blocks meet, errors that are alike on both sides do not show; but there are more of these places.
@@ -165,7 +164,7 @@ def _certain(found: Witness) -> Witness:
     )
 
 
-def _of_subset(
+def _trace_subset(
     blocks: Blocks, subset: int, block: tuple[int, int], pulse: int, share: float, place: float
 ) -> tuple[C64, C64]:
     """Echoes (n_channels, ...) of a block, and of one of its pulses traced by itself, of one weighted ray subset.
@@ -185,7 +184,7 @@ def _of_subset(
         shared = blocks.batches.trace(Batch(subset, start, stop, together=True), rays).profiles
     exact = blocks.batches.trace(Batch(subset, pulse, pulse + 1, together=True), rays).profiles[:, 0]
     weight = np.float32(SUBSET_SHARES[layers[0].subset])
-    return _by_channel(shared, layers) * weight, _by_channel(exact, layers) * weight
+    return _sum_layers(shared, layers) * weight, _sum_layers(exact, layers) * weight
 
 
 def _chance_of_pulses(blocks: Blocks, energy: F64) -> F64:
@@ -325,7 +324,7 @@ def _compare(
             continue
         batch = Batch(0, start, stop, together=True)
         less, more = (
-            _by_channel(
+            _sum_layers(
                 BatchTracer(tracer, rays, run.layers.per_subset, run.layers.max_order)
                 .trace(batch, lattices, only_rays=only_rays)
                 .profiles,
@@ -334,7 +333,7 @@ def _compare(
             for tracer in ways
         )
         errors.append(sum_energies(more - less))
-        energies.append(sum_energies(_by_channel(data[:, start:stop], run.layers.layers) + more - less))
+        energies.append(sum_energies(_sum_layers(data[:, start:stop], run.layers.layers) + more - less))
         traced += sum(grid.n_rays for grid in lattices)
     if not errors:
         return None
@@ -347,7 +346,7 @@ def _compare(
     return found and replace(found, upper_db=max(found.upper_db, unseen))
 
 
-def _by_channel(planes: C64, layers: Sequence[Layer]) -> C64:
+def _sum_layers(planes: C64, layers: Sequence[Layer]) -> C64:
     """Sum (n_channels, ...) of the layers (n_layers, ...) of every channel."""
     channels = tuple(dict.fromkeys(layer.channel for layer in layers))
     mine = [[i for i, layer in enumerate(layers) if layer.channel == channel] for channel in channels]

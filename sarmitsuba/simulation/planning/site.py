@@ -119,11 +119,11 @@ class RunSite(Site):
         found = [np.zeros(len(points))]
         for window in self.sampling.windows:
             antenna = track.of_pulses(slice(*window.pulses)).center_position
-            found.append(_faded(window, project(points, antenna, window.frame)))
+            found.append(_taper_window(window, project(points, antenna, window.frame)))
         return np.asarray(np.max(found, axis=0))
 
 
-def _faded(window: LaunchWindow, places: F64) -> F64:
+def _taper_window(window: LaunchWindow, places: F64) -> F64:
     """Taper of the launch window at points (n, 2) of its plane.
 
     See :func:`sarmitsuba.tracing.kernel.antenna_weight.fade`.

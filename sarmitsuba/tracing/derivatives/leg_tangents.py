@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from sarmitsuba.machine.backend import dr, mi
-from sarmitsuba.tracing.derivatives.range_tangents import normal_rate, with_amplitude
+from sarmitsuba.tracing.derivatives.range_tangents import add_amplitude, normal_rate
 from sarmitsuba.tracing.derivatives.tangents import NO_MATERIAL, EchoDerivative
 from sarmitsuba.tracing.kernel.leg import Leg, beam_patterns
 
@@ -49,7 +49,7 @@ def leg_rate(carried: Carried, k: int, leg: Leg, point: mi.Vector3d | None) -> t
     return dr.dot(leg.to_antenna64, velocity), dr.dot(velocity, leg.across) + change
 
 
-def of_legs(
+def differentiate_legs(
     carried: Carried,
     kernel: Kernel,
     antenna: Antenna,
@@ -82,7 +82,7 @@ def of_legs(
             ranges.append(rate)
         else:
             growth = mi.Complex2f(0.0 if shift is None else shift[1])
-            ranges.append(with_amplitude(kernel, rate, growth))
+            ranges.append(add_amplitude(kernel, rate, growth))
     beam = None
     if carried.pointing:
         beams = beam_patterns(kernel, antenna, pulse, legs[0].leaving)

@@ -19,18 +19,18 @@ from typing import TYPE_CHECKING
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.tracing.derivatives.adjoint_echoes import recording
 from sarmitsuba.tracing.derivatives.hooks import Derivatives
-from sarmitsuba.tracing.derivatives.leg_tangents import of_legs
+from sarmitsuba.tracing.derivatives.leg_tangents import differentiate_legs
 from sarmitsuba.tracing.derivatives.range_tangents import (
     deformation_rates,
+    differentiate_scatterer,
+    differentiate_tube,
     mirrored_tangents,
-    of_scatterer,
-    of_tube,
     turned_hit,
 )
 from sarmitsuba.tracing.derivatives.tangents import NO_MATERIAL, LaneDerivative, PatchDerivative
 from sarmitsuba.tracing.kernel.closing import coherent_amplitudes
-from sarmitsuba.tracing.kernel.diffuse_return import diffuse_terms, mixed
-from sarmitsuba.tracing.kernel.propagation import mirror, past_foci, reflect, through_passages
+from sarmitsuba.tracing.kernel.diffuse_return import diffuse_terms, mix_terms
+from sarmitsuba.tracing.kernel.propagation import mirror, pass_foci, reflect, through_passages
 from sarmitsuba.tracing.kernel.scene_tables import MATERIAL_MASK
 from sarmitsuba.tracing.kernel.stage import coherent_loss
 from sarmitsuba.tracing.kernel.table_rows import MaterialRow, SlabRow
@@ -70,7 +70,7 @@ def differentiate(kernel: Kernel, plan: TangentPlan | None) -> Kernel:
     if plan is None:
         return kernel
     variants = [
-        Variant(_with_materials(kernel, scene)) for p in plan.properties for scene in (p.below, p.above)
+        Variant(_add_materials(kernel, scene)) for p in plan.properties for scene in (p.below, p.above)
     ]
     per_unit = [p.per_unit for p in plan.properties]
     for k, rate in plan.turns:
@@ -84,7 +84,7 @@ def differentiate(kernel: Kernel, plan: TangentPlan | None) -> Kernel:
     return replace(kernel, derivatives=derivatives)
 
 
-def _with_materials(kernel: Kernel, scene: TraceScene) -> Kernel:
+def _add_materials(kernel: Kernel, scene: TraceScene) -> Kernel:
     own = kernel.scene
     slabs = own.slabs
     if slabs is not None and scene.slabs is not None:
@@ -148,7 +148,7 @@ class PathDerivatives(Derivatives):
         edge = beam_rates = None
         if edges is not None:
             edge = EdgeLane.of(edges, place.row, place.distance)
-            derivative = edge_tangents.begun(derivative, edges, place.row, ray.direction, place.axes)
+            derivative = edge_tangents.begin_edge(derivative, edges, place.row, ray.direction, place.axes)
         if self.carried.pointing and place.beam is not None:
             beam_rates = place.beam.rates(mi.Vector3f(ray.direction))
         derivative = replace(derivative, fields=(ray.fields,) * len(self.variants))
@@ -159,8 +159,8 @@ class PathDerivatives(Derivatives):
         assert ray.derivative is not None
         here = replace(self, carried=self.carried.at(ray.derivative, hit.face, hit.active))
         if kernel.grid.edges is not None:
-            hit = edge_tangents.shadowed(lane, ray, hit)
-        fields = tuple(past_foci(through_passages(kernel, one, hit), hit).fields for one in self._rays(ray))
+            hit = edge_tangents.find_shadowed(lane, ray, hit)
+        fields = tuple(pass_foci(through_passages(kernel, one, hit), hit).fields for one in self._rays(ray))
         ray = replace(ray, derivative=replace(ray.derivative, fields=fields))
         return replace(kernel, derivatives=here), ray, hit
 
@@ -191,8 +191,8 @@ class PathDerivatives(Derivatives):
     ) -> EchoDerivative:
         """By displacements; beside edges the weight of the ray."""
         if self.carried.beside_edges:
-            return edge_tangents.of_tube(self.carried, lane, ray, hit)
-        return of_tube(self.carried, kernel, lane, ray, hit, tube, closing)
+            return edge_tangents.weigh_tube(self.carried, lane, ray, hit)
+        return differentiate_tube(self.carried, kernel, lane, ray, hit, tube, closing)
 
     def without_return(self) -> EchoDerivative:
         """See the base class."""
@@ -271,12 +271,12 @@ class PathDerivatives(Derivatives):
         """By all parameters."""
         assert patch is not None
         if self.carried.beside_edges:
-            straight, back = edge_tangents.of_scatterer(self.carried, lane, ray, hit, centre)
+            straight, back = edge_tangents.weigh_scatterer(self.carried, lane, ray, hit, centre)
         else:
-            straight, back = of_scatterer(self.carried, kernel, lane, ray, hit, centre)
+            straight, back = differentiate_scatterer(self.carried, kernel, lane, ray, hit, centre)
 
         def amplitudes(variants: Iterator[Terms], weight: mi.Float) -> tuple[mi.Complex2f, ...] | None:
-            found = [[mixed(terms, random) * weight for terms in variant] for variant in variants]
+            found = [[mix_terms(terms, random) * weight for terms in variant] for variant in variants]
             return self._differences(kernel, found)
 
         out_rates = None if lane.derivative is None else lane.derivative.beam_rates
@@ -309,7 +309,7 @@ class PathDerivatives(Derivatives):
     ) -> Contribution:
         """By displacements and angles of the beam; by properties of materials zero."""
         moved = () if shifts is None else shifts()
-        derivative = of_legs(self.carried, kernel, antenna, echo.pulse, legs, moved, materials)
+        derivative = differentiate_legs(self.carried, kernel, antenna, echo.pulse, legs, moved, materials)
         none = (mi.Complex2f(0.0),) * (len(self.per_unit) * len(echo.amplitudes))
         return replace(echo, derivative=replace(derivative, amplitudes=none or None))
 

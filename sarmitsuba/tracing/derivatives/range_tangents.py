@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.tracing.derivatives.tangents import EchoDerivative, RayDerivative
-from sarmitsuba.tracing.scatterers.edges.edge_tangents import arrived
+from sarmitsuba.tracing.scatterers.edges.edge_tangents import arrive_beside_edge
 
 if TYPE_CHECKING:
     from sarmitsuba.tracing.derivatives.tangents import Carried
@@ -59,7 +59,7 @@ def turned_hit(carried: Carried, k: int, ray: RayState, hit: Hit, step: mi.Float
     )
 
 
-def _stretched(
+def _stretch_tube(
     carried: Carried, k: int, ray: RayState, hit: Hit, tube_here: TubeFootprint
 ) -> tuple[mi.Vector3f, mi.Vector3f] | None:
     """Change of a tube's two edges on a facet with the lit area, m per unit; None for a translation.
@@ -109,7 +109,7 @@ def mirrored_tangents(
             own = ray.virtual_velocity
             change = change - 2.0 * (turn * dr.dot(own, n) + n * (dr.dot(own, turn) + dr.dot(change, n)))
         velocities.append(change)
-        stretch = _stretched(carried, k, ray, hit, tube_here)
+        stretch = _stretch_tube(carried, k, ray, hit, tube_here)
         if stretch is not None:
             u, v = (x - n32 * (2.0 * dr.dot(x, n32)) for x in stretch)
             stretch = (u, v)
@@ -119,7 +119,7 @@ def mirrored_tangents(
         boundaries.append(boundary)
     edge = ray.derivative.edge
     if edge is not None:
-        edge = arrived(edge, carried, lane, ray, hit).mirrored(n, turns)
+        edge = arrive_beside_edge(edge, carried, lane, ray, hit).mirrored(n, turns)
     return RayDerivative(
         tuple(virtual),
         tuple(boundaries),
@@ -185,7 +185,7 @@ class _Seen:
         return mi.Float(0.5 * (leg + dr.dot(antenna, self.across_back))), mi.Float(leg)
 
 
-def of_tube(
+def differentiate_tube(
     carried: Carried,
     kernel: Kernel,
     lane: Lane,
@@ -212,18 +212,18 @@ def of_tube(
         if gradient is None:
             found.append(0.5 * rate)
             continue
-        stretch = _stretched(carried, k, ray, hit, tube_here)
+        stretch = _stretch_tube(carried, k, ray, hit, tube_here)
         assert stretch is not None
         growth = mi.Complex2f(_area_rate(tube_here, stretch))
         if closing.integral is not None and changes:
             whole, change = closing.integral, changes.pop(0)
             there = dr.squared_norm(whole) > 1e-24
             growth += dr.select(there, change / dr.select(there, whole, 1.0), 0.0)
-        found.append(with_amplitude(kernel, 0.5 * rate, growth))
+        found.append(add_amplitude(kernel, 0.5 * rate, growth))
     return EchoDerivative(tuple(found), None if seen is None else tuple(swings))
 
 
-def with_amplitude(kernel: Kernel, rate: mi.Float64, growth: mi.Complex2f) -> mi.Complex2f:
+def add_amplitude(kernel: Kernel, rate: mi.Float64, growth: mi.Complex2f) -> mi.Complex2f:
     """Complex derivative of a slant range, from its own and the relative one of the amplitude."""
     per = growth * (0.5 / kernel.constants.wavenumber)
     return mi.Complex2f(mi.Float(rate) - per.imag, per.real)
@@ -260,14 +260,14 @@ def deformation_rates(
         out = -(virtual - d * dr.dot(virtual, d)) / hit.length
         back = (antenna - s * dr.dot(antenna, s)) / hit.length_back
         q = mi.Vector3f(back - out) * kernel.constants.wavenumber
-        stretch = _stretched(carried, k, ray, hit, tube)
+        stretch = _stretch_tube(carried, k, ray, hit, tube)
         assert stretch is not None
         u, v = stretch
         found.append((q, u, v))
     return found
 
 
-def of_scatterer(
+def differentiate_scatterer(
     carried: Carried, kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, centre: mi.Vector3d
 ) -> tuple[EchoDerivative, EchoDerivative]:
     """Derivatives of a diffuse scatterer's slant range and range rate: straight, and back through the mirrors."""
@@ -288,7 +288,7 @@ def of_scatterer(
         if carried.gradient[k] is not None:
             # the power of a cell grows with its area
             growth = mi.Complex2f(0.5 * _surface_rate(carried, k, hit))
-            rates = [with_amplitude(kernel, rate, growth) for rate in rates]
+            rates = [add_amplitude(kernel, rate, growth) for rate in rates]
         straight.append(rates[0])
         reciprocal.append(rates[1])
     if not carried.rates:

@@ -27,11 +27,11 @@ class WithTangents:
     def add(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
         """See the protocol."""
         return self.accumulator.add(
-            state, replace(contribution, amplitudes=with_derivatives(self.carried, contribution))
+            state, replace(contribution, amplitudes=list_with_derivatives(self.carried, contribution))
         )
 
 
-def with_derivatives(carried: CarriedDisplacements, echo: Contribution) -> tuple[mi.Complex2f, ...]:
+def list_with_derivatives(carried: CarriedDisplacements, echo: Contribution) -> tuple[mi.Complex2f, ...]:
     """Channels of an echo and their derivatives."""
     derivative = echo.derivative
     assert derivative is not None and derivative.material is not None

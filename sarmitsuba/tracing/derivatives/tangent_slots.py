@@ -121,8 +121,8 @@ class SlotTangents:
             place = np.where(flat, np.cumsum(flat) - 1, n_plain + np.cumsum(~np.array(flat)) - 1)
             numbers.append(np.asarray(shape * ways + place, dtype=np.int64))
             for way, displacement in zip(place, own, strict=True):
-                rows[shape, way, 0, :3] = _filled(displacement.offset, np.zeros(3))
-                rows[shape, way, 1:, :3] = _filled(displacement.gradient, np.zeros((3, 3)))
+                rows[shape, way, 0, :3] = _fill_slots(displacement.offset, np.zeros(3))
+                rows[shape, way, 1:, :3] = _fill_slots(displacement.gradient, np.zeros((3, 3)))
                 turn_rates[way] = max(turn_rates[way], displacement.turn_rate)
         found = SlotTangents(
             n_slots=min(most_slots, len(plain)),
@@ -197,7 +197,7 @@ class SlotTangents:
         )
 
 
-def _filled(values: F64 | None, zeros: F64) -> F64:
+def _fill_slots(values: F64 | None, zeros: F64) -> F64:
     return zeros if values is None else values
 
 

@@ -116,4 +116,4 @@ class BeamPattern:
     def _two_way(self, sin_azimuth: mi.Float, sin_elevation: mi.Float) -> mi.Float:
         """Relative two-way amplitude."""
         numbers = device_numbers(mi.Float, self.antenna.numbers)
-        return self.antenna.normalised(sin_azimuth, sin_elevation, numbers, dr)
+        return self.antenna.normalise(sin_azimuth, sin_elevation, numbers, dr)

@@ -11,7 +11,7 @@ from sarmitsuba.tracing.derivatives.hooks import derivatives_of
 from sarmitsuba.tracing.derivatives.tangents import EchoDerivative
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.leg import Surroundings, antenna_basis
-from sarmitsuba.tracing.kernel.stage import closed as by_stages
+from sarmitsuba.tracing.kernel.stage import apply_at_closing as by_stages
 from sarmitsuba.tracing.kernel.state import (
     COHERENT,
     Closing,
@@ -58,7 +58,7 @@ def receiver(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> tuple[Recei
     return Receiver({"H": vectors[0], "V": vectors[1]}, gain), lane, hit
 
 
-def _along(q: Receiving, value: Callable[[mi.Vector3f], mi.Complex2f]) -> mi.Complex2f:
+def _project_along(q: Receiving, value: Callable[[mi.Vector3f], mi.Complex2f]) -> mi.Complex2f:
     """Value of a function linear in the receiving vector, for a real or a complex one."""
     if not isinstance(q, tuple):
         return value(q)
@@ -159,19 +159,19 @@ def coherent_amplitudes(
     closed = {}
     for channel in dict.fromkeys(c for pair in map(flags.reciprocal, flags.closed) for c in pair):
         i = flags.tracked.index(channel[0])
-        closed[channel] = _along(
+        closed[channel] = _project_along(
             receive.basis[channel[1]],
-            partial(_closed, hit, reflection, ray.fields[i], reflection.fields[i]),
+            partial(_radiate_facet, hit, reflection, ray.fields[i], reflection.fields[i]),
         )
     amplitudes = []
     for channel in flags.closed:
         a, b = flags.reciprocal(channel)
         c = closed[a] if a == b else (closed[a] + closed[b]) * 0.5
         amplitudes.append(c * weight)
-    return tuple(field.recorded(flags.closed, amplitudes, flags.channels))
+    return tuple(field.pick_recorded(flags.closed, amplitudes, flags.channels))
 
 
-def _closed(
+def _radiate_facet(
     hit: Hit,
     reflection: Reflection,
     e: field.ComplexVector,
@@ -192,7 +192,7 @@ def _mean_leg(kernel: Kernel, hit: Hit) -> mi.Float64:
     return mi.Float64(0.5 * (mi.Float(hit.length) + mi.Float(hit.length_back)))
 
 
-def selected(condition: mi.Bool, a: Contribution, b: Contribution) -> Contribution:
+def select_contribution(condition: mi.Bool, a: Contribution, b: Contribution) -> Contribution:
     """Contribution ``a`` in the lanes where the condition holds, else ``b``; pulse and activity of ``b``."""
     return replace(
         b,

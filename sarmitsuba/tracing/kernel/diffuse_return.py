@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.tracing.derivatives.hooks import derivatives_of
 from sarmitsuba.tracing.kernel import field
-from sarmitsuba.tracing.kernel.closing import selected
+from sarmitsuba.tracing.kernel.closing import select_contribution
 from sarmitsuba.tracing.kernel.scattering_matrix import ScatteringMatrix, speckle_coefficients
 from sarmitsuba.tracing.kernel.scene_tables import MATERIAL_MASK
-from sarmitsuba.tracing.kernel.speckle import Node, ScattererLattice, cell_on, thinned
+from sarmitsuba.tracing.kernel.speckle import Node, ScattererLattice, cell_on, widen_cells
 from sarmitsuba.tracing.kernel.state import (
     DIFFUSE,
     RECIPROCAL,
@@ -170,7 +170,7 @@ class DiffuseReturns:
             pulse=lane.pulse,
             slant_range=0.5 * (length + length_back),
             range_rate=0.5 * (rate_out + rate_back),
-            amplitudes=tuple(mixed(terms, random) * self.straight_weight for terms in self.straight),
+            amplitudes=tuple(mix_terms(terms, random) * self.straight_weight for terms in self.straight),
             active=active,
             point=centre,
             derivative=changes[0],
@@ -183,19 +183,19 @@ class DiffuseReturns:
             order=2 * hit.order - 1,  # out through the chain, back through it, the scatterer once
             slant_range=length,
             range_rate=rate_out,
-            amplitudes=tuple(mixed(terms, random) * self.reciprocal_weight for terms in self.reciprocal),
+            amplitudes=tuple(mix_terms(terms, random) * self.reciprocal_weight for terms in self.reciprocal),
             derivative=changes[1],
         )
         if self.reverse is None or slot.other_way is None:
-            return selected(slot.back, reciprocal, straight)
+            return select_contribution(slot.back, reciprocal, straight)
         home, rate_home = self._through_chain(centre, movement)
         reciprocal = replace(
             reciprocal, slant_range=0.5 * (length + home), range_rate=0.5 * (rate_out + rate_home)
         )
-        return selected(
+        return select_contribution(
             slot.other_way,
             self._reversed(straight, self.reverse, random, home, rate_home, movement),
-            selected(slot.back, reciprocal, straight),
+            select_contribution(slot.back, reciprocal, straight),
         )
 
     def _at_place(self, centre: mi.Vector3d, active: mi.Bool) -> DiffuseReturns:
@@ -267,7 +267,7 @@ class DiffuseReturns:
             kind=mi.UInt32(REVERSED),
             slant_range=0.5 * (length + home),
             range_rate=0.5 * (rate_home - rate),
-            amplitudes=tuple(mixed(terms, random) * self.straight_weight for terms in reverse),
+            amplitudes=tuple(mix_terms(terms, random) * self.straight_weight for terms in reverse),
         )
 
     def _through_chain(self, centre: mi.Vector3d, movement: Movement | None) -> tuple[mi.Float64, mi.Float64]:
@@ -279,12 +279,12 @@ class DiffuseReturns:
         return length, -dr.dot(leg, seen_from(movement, velocity)) / length
 
 
-def _tilted(water: WaterTables, hit: Hit, material: mi.UInt32, time: mi.Float64 | None) -> Hit:
+def _tilt_water(water: WaterTables, hit: Hit, material: mi.UInt32, time: mi.Float64 | None) -> Hit:
     """The hit with the normal of the water tilted by the long waves, for its diffuse law."""
     now = mi.Float(0.0) if time is None else mi.Float(time)
     # waves travel on water that moves as a whole, as in a current
     place = hit.p if hit.movement is None else hit.movement.at_rest(hit.p)
-    return replace(hit, normal=water.tilted(hit.normal, mi.Vector3f(place), material, now))
+    return replace(hit, normal=water.tilt(hit.normal, mi.Vector3f(place), material, now))
 
 
 def close_diffuse(
@@ -297,7 +297,7 @@ def close_diffuse(
     cell = cell_on(constants.cell, hit.largest_cell)
     if ray.spread is not None:
         plain = lane.tube_area * dr.square(mi.Float(hit.length) * lane.inverse_start) / hit.cos_incidence
-        cell = thinned(cell, tube_here.area / plain, tube_here.area * patch.area() / patch.weight)
+        cell = widen_cells(cell, tube_here.area / plain, tube_here.area * patch.area() / patch.weight)
     returns = hit.sees if reciprocal is None else hit.sees | (hit.active & ~hit.first)
     # position on the facet at time zero: its scatterers move with it
     p, normal, u, v = hit.p, hit.normal64, tube_here.u, tube_here.v
@@ -339,17 +339,17 @@ def diffuse_terms(
     if kernel.bistatic:
         backscatter = mi.Bool(False)
     water = kernel.scene.water
-    seen = hit if water is None else _tilted(water, hit, hit.material & MATERIAL_MASK, lane.time)
+    seen = hit if water is None else _tilt_water(water, hit, hit.material & MATERIAL_MASK, lane.time)
     matrix = ScatteringMatrix(kernel.scene, seen, hit.to_antenna, flags, backscatter)
     straight: list[list[mi.Complex2f]] = []
     reciprocal = None
     reverse: list[list[mi.Complex2f]] | None = [] if reciprocal_diffuse and kernel.bistatic else None
     for channel in flags.closed:
         sent, received = channel[0], channel[1]
-        terms = _between(matrix, receive.basis[received], fields[sent])
+        terms = _project_tensors(matrix, receive.basis[received], fields[sent])
         if reciprocal_diffuse:
             # behind mirrors the reversed path has the same length, and the transposed channel
-            swapped = _between(matrix, receive.basis[sent], fields[received])
+            swapped = _project_tensors(matrix, receive.basis[sent], fields[received])
             if reverse is not None:
                 reverse.append(swapped)
             else:
@@ -362,23 +362,25 @@ def diffuse_terms(
             matrix.between_fields(fields[channel[1]], fields[channel[0]]) for channel in flags.closed
         ]
     return (
-        _recorded(flags, straight),
-        None if reciprocal is None else _recorded(flags, reciprocal),
-        None if reverse is None else _recorded(flags, reverse),
+        _pick_terms(flags, straight),
+        None if reciprocal is None else _pick_terms(flags, reciprocal),
+        None if reverse is None else _pick_terms(flags, reverse),
     )
 
 
-def _between(matrix: ScatteringMatrix, q: Receiving, e: field.ComplexVector) -> list[mi.Complex2f]:
+def _project_tensors(matrix: ScatteringMatrix, q: Receiving, e: field.ComplexVector) -> list[mi.Complex2f]:
     """Values of the fixed tensors between a receiving vector and an incident field."""
     return matrix.between_fields(q, e) if isinstance(q, tuple) else matrix.between(q, e)
 
 
-def _recorded(flags: KernelFlags, terms: Terms) -> Terms:
+def _pick_terms(flags: KernelFlags, terms: Terms) -> Terms:
     """Terms of the recorded channels, from those of the channels that are computed."""
-    columns = [field.recorded(flags.closed, column, flags.channels) for column in zip(*terms, strict=True)]
+    columns = [
+        field.pick_recorded(flags.closed, column, flags.channels) for column in zip(*terms, strict=True)
+    ]
     return [list(row) for row in zip(*columns, strict=True)]
 
 
-def mixed(terms: list[mi.Complex2f], random: list[mi.Complex2f]) -> mi.Complex2f:
+def mix_terms(terms: list[mi.Complex2f], random: list[mi.Complex2f]) -> mi.Complex2f:
     """Sum of the fixed tensors' values times the cell's random numbers."""
     return sum((t * r for t, r in zip(terms[1:], random[1:], strict=True)), terms[0] * random[0])

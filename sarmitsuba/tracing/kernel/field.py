@@ -46,7 +46,7 @@ def polarisation_basis(u: mi.Vector3f, up: mi.Vector3f) -> tuple[mi.Vector3f, mi
     return h, dr.cross(h, u)
 
 
-def transmitted(letter: str, h: mi.Vector3f, v: mi.Vector3f, amplitude: mi.Float) -> ComplexVector:
+def transmit_field(letter: str, h: mi.Vector3f, v: mi.Vector3f, amplitude: mi.Float) -> ComplexVector:
     """Transmitted field in a polarisation of :data:`sarmitsuba.radar.polarisation.TRANSMITTED`."""
     if letter in "HV":
         return ((h if letter == "H" else v) * amplitude, dr.zeros(mi.Vector3f))
@@ -54,7 +54,7 @@ def transmitted(letter: str, h: mi.Vector3f, v: mi.Vector3f, amplitude: mi.Float
     return (h * z_h.real + v * z_v.real) * amplitude, (h * z_h.imag + v * z_v.imag) * amplitude
 
 
-def recorded(
+def pick_recorded(
     closed: Sequence[str], values: Sequence[mi.Complex2f], channels: Sequence[str]
 ) -> list[mi.Complex2f]:
     """Values of the recorded channels, from those of the channels that are computed (`KernelFlags.closed`)."""

@@ -10,7 +10,7 @@ from sarmitsuba.core.arrays import F64, I64
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.tracing.kernel.device_arrays import vector_rows
 from sarmitsuba.tracing.kernel.intersector import query_ray
-from sarmitsuba.tracing.kernel.propagation import before_bounds
+from sarmitsuba.tracing.kernel.propagation import measure_to_bounds
 
 if TYPE_CHECKING:
     from sarmitsuba.tracing.kernel.scene_tables import TraceScene
@@ -38,7 +38,7 @@ def first_facets(scene: TraceScene, start: F64, towards: F64) -> tuple[I64, F64]
     distance = dr.norm(leg)
     d = leg / distance
     if one:  # an antenna may be far away
-        skipped = dr.maximum(distance - before_bounds(origin + leg, d, scene), 0.0)
+        skipped = dr.maximum(distance - measure_to_bounds(origin + leg, d, scene), 0.0)
         origin, offset = origin + d * skipped, skipped
     else:
         offset = mi.Float64(0.0)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Protocol, TypeVar, runtime_checkable
 
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.tracing.derivatives.hooks import derivatives_of
-from sarmitsuba.tracing.kernel.closing import close_coherent, receiver, selected, tube_return
+from sarmitsuba.tracing.kernel.closing import close_coherent, receiver, select_contribution, tube_return
 from sarmitsuba.tracing.kernel.diffuse_return import DiffuseReturns, Slot, close_diffuse
 from sarmitsuba.tracing.kernel.propagation import (
     arrive,
@@ -26,11 +26,11 @@ from sarmitsuba.tracing.kernel.propagation import (
     launch,
     mirror,
     next_facet,
-    past_foci,
+    pass_foci,
     reflect,
     through_passages,
 )
-from sarmitsuba.tracing.kernel.stage import arrived as by_stages
+from sarmitsuba.tracing.kernel.stage import apply_at_hit as by_stages
 from sarmitsuba.tracing.kernel.stage import vanishing
 from sarmitsuba.tracing.kernel.state import (
     NO_HIT,
@@ -42,7 +42,7 @@ from sarmitsuba.tracing.kernel.state import (
     RayState,
     TubeReturn,
 )
-from sarmitsuba.tracing.scatterers.slabs.slab_passage import Waiting, branched
+from sarmitsuba.tracing.scatterers.slabs.slab_passage import Waiting, branch_ray
 
 if TYPE_CHECKING:
     from sarmitsuba.radar.antenna import Antenna
@@ -143,7 +143,7 @@ def _through_slabs(
     def bounce(ray: RayState, waiting: Waiting, added: LaneArrays) -> tuple[RayState, Waiting, LaneArrays]:
         found = next_facet(kernel.scene, lane, ray)
         arrived, hit, mirrored, added = _bounce(kernel, lane, ray, found, accumulator, added)
-        ray, waiting = branched(kernel, arrived, hit, mirrored, waiting)
+        ray, waiting = branch_ray(kernel, arrived, hit, mirrored, waiting)
         return ray, waiting, added
 
     ray, waiting, added = dr.while_loop(
@@ -167,7 +167,7 @@ def _bounce(
     flags = kernel.flags
     hit = arrive(kernel, lane, ray, found)
     there = by_stages(kernel, lane, through_passages(kernel, ray, hit), hit)
-    kernel, ray, hit = derivatives_of(kernel).at_hit(kernel, lane, past_foci(there, hit), hit)
+    kernel, ray, hit = derivatives_of(kernel).at_hit(kernel, lane, pass_foci(there, hit), hit)
     tube_here = footprint(kernel, lane, ray, hit)
     if tube_here.lost is not None:
         hit = hit.without(tube_here.lost)
@@ -238,7 +238,7 @@ def _add_all(
         active = waiting | slot.there
         contribution = diffuse.contribution(slot, active)
         if coherent is not None:
-            contribution = selected(waiting, coherent, contribution)
+            contribution = select_contribution(waiting, coherent, contribution)
         return diffuse.after(slot, waiting), mi.Bool(False), count + 1, accumulator.add(added, contribution)
 
     _, _, count, added = dr.while_loop(

@@ -220,7 +220,7 @@ def lattice(
     turns = LATTICE_TURN + 0.25 * np.pi * rng.random(TURNS) * ((np.arange(TURNS) + realisation + seed) > 0)
     # keep away from the axes and diagonals of the window
     turns = 0.15 + (turns % (0.25 * np.pi - 0.3))
-    turn = float(turns[0] if edges is None else turns[np.argmin(_along_edges(turns, edges))])
+    turn = float(turns[0] if edges is None else turns[np.argmin(_sum_along_edges(turns, edges))])
     hx, hy = half_x + taper, half_y + taper
     radius = np.hypot(hx, hy)
     n = int(np.ceil(radius / spacing)) + 1
@@ -248,7 +248,7 @@ def lattice(
     )
 
 
-def _along_edges(turns: F64, edges: F64) -> F64:
+def _sum_along_edges(turns: F64, edges: F64) -> F64:
     """Sum of the squared lengths of those edges (n, 2) that are nearly parallel to a lattice, for each rotation."""
     from_line = (np.arctan2(edges[:, 1], edges[:, 0]) - turns[:, None]) % (0.5 * np.pi)
     from_line = np.minimum(from_line, 0.5 * np.pi - from_line)

@@ -16,9 +16,9 @@ from sarmitsuba.radar.polarisation import TRANSMITTED
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.antenna_weight import BeamPattern
 from sarmitsuba.tracing.kernel.intersector import query_ray
-from sarmitsuba.tracing.scatterers.slabs.passage import passed
+from sarmitsuba.tracing.scatterers.slabs.passage import pass_all
 from sarmitsuba.tracing.scatterers.slabs.slab_coefficients import lets_waves_through
-from sarmitsuba.tracing.scatterers.slabs.slab_passage import along
+from sarmitsuba.tracing.scatterers.slabs.slab_passage import pass_leg
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
@@ -124,14 +124,14 @@ class Surroundings:
 
         Returns
         -------
-        vectors, shift : shift as of :func:`sarmitsuba.tracing.scatterers.slabs.slab_passage.along`; None where no slab
-            transmits
+        vectors, shift : shift as of :func:`sarmitsuba.tracing.scatterers.slabs.slab_passage.pass_leg`; None where no
+            slab transmits
         """
-        vectors = passed(self.scene.passages, start, direction, distance, active, vectors)
+        vectors = pass_all(self.scene.passages, start, direction, distance, active, vectors)
         if not self.transmits:
             return vectors, None
         through = active if behind_slabs is None else behind_slabs
-        return along(
+        return pass_leg(
             self.scene, self.wavenumber, self.clearance, start, direction, distance, through, vectors
         )
 

@@ -14,16 +14,15 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C64, U32
 from sarmitsuba.machine.backend import dr, mi
-from sarmitsuba.tracing.kernel.accumulators import grid_cells, grid_numbers
+from sarmitsuba.tracing.kernel.accumulators import ImageAccumulator, grid_cells, grid_numbers
 from sarmitsuba.tracing.kernel.device_arrays import device_array
-from sarmitsuba.tracing.kernel.look_accumulator import ImageAccumulator
 from sarmitsuba.tracing.kernel.scene_tables import MATERIAL_MASK
 from sarmitsuba.tracing.kernel.state import COHERENT, NO_HIT, SCATTERER
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from sarmitsuba.signal.raw.look_grid import LookGrid
+    from sarmitsuba.signal.look_grid import LookGrid
     from sarmitsuba.tracing.kernel.source import Launch
     from sarmitsuba.tracing.kernel.state import Contribution, Hit, RayState
 

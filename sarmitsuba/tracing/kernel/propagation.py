@@ -17,7 +17,7 @@ from sarmitsuba.tracing.kernel.intersector import leave_surface, query_ray
 from sarmitsuba.tracing.kernel.leg import Surroundings, beam_patterns
 from sarmitsuba.tracing.kernel.movement import ShadowBoundary
 from sarmitsuba.tracing.kernel.scene_tables import CLOSED_BIT, INNER_BIT, MATERIAL_MASK
-from sarmitsuba.tracing.kernel.stage import launched, mirrored
+from sarmitsuba.tracing.kernel.stage import apply_at_launch, apply_at_mirror
 from sarmitsuba.tracing.kernel.state import (
     Hit,
     Kernel,
@@ -30,9 +30,10 @@ from sarmitsuba.tracing.kernel.state import (
     TubeSpread,
 )
 from sarmitsuba.tracing.kernel.table_rows import FaceRow, MaterialRow, SlabRow
-from sarmitsuba.tracing.kernel.tubes import curved_mirror, polygon, tube
+from sarmitsuba.tracing.kernel.tubes import polygon, tube
+from sarmitsuba.tracing.kernel.tubes import tube as curved_mirror
 from sarmitsuba.tracing.scatterers.corners.metal_corners import mirror_at
-from sarmitsuba.tracing.scatterers.slabs.passage import passed
+from sarmitsuba.tracing.scatterers.slabs.passage import pass_all
 from sarmitsuba.tracing.scatterers.slabs.slab_passage import slab_factors
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     distance = dr.norm(leg)
     d64 = leg / distance
     d = v32(d64)
-    origin = v32(start - d64 * dr.minimum(distance, before_bounds(start, d64, kernel.scene)))
+    origin = v32(start - d64 * dr.minimum(distance, measure_to_bounds(start, d64, kernel.scene)))
 
     spacing, needs, serves = _level(grid, ray)
     edge_a, edge_b = _lattice_edges(spacing, constants.turn, axis_x, axis_y, d)
@@ -117,14 +118,14 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         spread=TubeSpread(edge_a * inverse_start, edge_b * inverse_start, distance)
         if kernel.curved
         else None,
-        extent=tube.unlimited(),
+        extent=tube.make_unlimited(),
         shadow_boundary=None if kernel.scene.movers is None else ShadowBoundary.open(),
-        fields=tuple(field.transmitted(letter, h, v, weight) for letter in flags.tracked),
+        fields=tuple(field.transmit_field(letter, h, v, weight) for letter in flags.tracked),
         contributions=u32(0),
         crossed=u32(0) if kernel.transmits else None,
         mirror=Mirror.none() if kernel.reversible else None,
     )
-    state = launched(kernel, lane, state)
+    state = apply_at_launch(kernel, lane, state)
     return derivatives_of(kernel).at_launch(
         kernel, lane, state, LaunchPlace(row, distance, (axis_x, axis_y), None if beams is None else beams[0])
     )
@@ -168,14 +169,14 @@ def _launch_weight(kernel: Kernel, gx: mi.Float, gy: mi.Float) -> mi.Float:
     return mi.Float(1.0)
 
 
-def _served(purpose: Purpose, needs: tuple[mi.Float, mi.Float], info: FaceRow) -> mi.Bool:
+def _serves_face(purpose: Purpose, needs: tuple[mi.Float, mi.Float], info: FaceRow) -> mi.Bool:
     """Whether a ray samples a face: each face is sampled by the rays of one level, which is fine enough for it."""
     coherent, diffuse = info.needed_spacings
     need = {"coherent": coherent, "diffuse": diffuse, "all": dr.minimum(coherent, diffuse)}[purpose]
     return (need >= needs[0]) & (need < needs[1])
 
 
-def before_bounds(start: mi.Vector3d, d: mi.Vector3d, scene: TraceScene) -> mi.Float64:
+def measure_to_bounds(start: mi.Vector3d, d: mi.Vector3d, scene: TraceScene) -> mi.Float64:
     """Distance from ``start`` back to where the ray enters the scene's bounds, m: there float32 is most accurate."""
     low, high = (mi.Vector3d(*(dr.opaque(mi.Float64, float(x)) for x in corner)) for corner in scene.bounds)
     inverse = 1.0 / dr.select(dr.abs(d) > 1e-12, d, 1e-12)
@@ -195,12 +196,12 @@ def arrive(kernel: Kernel, lane: Lane, ray: RayState, found: Found) -> Hit:
     landed, n64, vertex0, centroid = hit_point(scene, face, uv, active)
     info = FaceRow.of(scene.face_info, face, active)
     met = active
-    active = active & (~first | _served(kernel.grid.purpose, lane.needs, info))
+    active = active & (~first | _serves_face(kernel.grid.purpose, lane.needs, info))
     # also rays that sample objects behind a slab go through it
     known = met if kernel.transmits else active
 
     # the float32 hit lies a few 1e-7 of the scene's size beside the ray: replace it by the float64 intersection
-    p = _on_ray(landed, n64, ray.virtual_antenna, ray.direction, 1e3 * clearance)
+    p = _land_on_plane(landed, n64, ray.virtual_antenna, ray.direction, 1e3 * clearance)
     # the ray as the virtual antenna sees this hit
     length = dr.norm(p - ray.virtual_antenna)
     d64 = (p - ray.virtual_antenna) / length
@@ -291,7 +292,7 @@ def hit_point(
     return p, mi.Vector3d(a[3], b[3], c[3]), corner, centroid
 
 
-def _on_ray(
+def _land_on_plane(
     landed: mi.Vector3d, n: mi.Vector3d, virtual_antenna: mi.Vector3d, d: mi.Vector3d, limit: mi.Float
 ) -> mi.Vector3d:
     """Point where the float64 ray from the virtual antenna along ``d`` meets the facet's plane.
@@ -314,17 +315,17 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> TubeFootpr
     u, v = (tube.footprint(x, hit.direction, hit.normal, hit.cos_incidence) for x in (cross_a, cross_b))
     point = mi.Vector3f(hit.p - hit.vertex0)
     edges = _edges(kernel.scene.edge_table, hit)
-    extent = tube.limited(ray.extent, edges, point, u, v)
+    extent = tube.limit_extent(ray.extent, edges, point, u, v)
     patch = tube.patch(extent)
     inner = [((hit.material >> (INNER_BIT + i)) & 1) == 1 for i in range(N_EDGES)]
     lines = polygon.facet_lines(edges, inner, point, u, v)
     if kernel.flags.multi_bounce:
         # behind mirrors the facets of the whole chain limit the tube
-        lines = polygon.selected(hit.first, lines, polygon.extent_lines(extent))
+        lines = polygon.select_lines(hit.first, lines, polygon.extent_lines(extent))
     closed = ((hit.material >> CLOSED_BIT) & 1) == 1
     bounds = polygon.Bounds(lines, extent, patch.rim, hit.first & closed)
     if kernel.scene.piece_table is not None:
-        patch = tube.patch(tube.limited(ray.extent, _edges(kernel.scene.piece_table, hit), point, u, v))
+        patch = tube.patch(tube.limit_extent(ray.extent, _edges(kernel.scene.piece_table, hit), point, u, v))
     area = lane.tube_area * dr.square(growth) / hit.cos_incidence
     loss = kernel.constants.spreading_loss(hit.length, hit.length_back)
     loss_reciprocal = kernel.constants.spreading_loss(hit.length, hit.length)
@@ -345,7 +346,7 @@ def _edges(table: mi.Float, hit: Hit) -> list[mi.Vector4f]:
     return [dr.gather(mi.Vector4f, table, hit.face * N_EDGES + i, hit.active) for i in range(N_EDGES)]
 
 
-def past_foci(ray: RayState, hit: Hit) -> RayState:
+def pass_foci(ray: RayState, hit: Hit) -> RayState:
     r"""Ray with the phase of its fields advanced by 90 degrees for each focus (caustic) that its tube passed.
 
     The tube's cross-section between two hits, signed, is
@@ -386,10 +387,10 @@ def past_foci(ray: RayState, hit: Hit) -> RayState:
 
 def mirror(kernel: Kernel, ray: RayState, hit: Hit, normal: mi.Vector3f) -> Reflection:
     """Direction and fields of a ray reflected by the material that it hits."""
-    return reflected(kernel, hit.direction, normal, hit.properties, hit.slab, hit.behind, ray.fields)
+    return reflect_fields(kernel, hit.direction, normal, hit.properties, hit.slab, hit.behind, ray.fields)
 
 
-def reflected(
+def reflect_fields(
     kernel: Kernel,
     d: mi.Vector3f,
     normal: mi.Vector3f,
@@ -423,7 +424,7 @@ def through_passages(kernel: Kernel, ray: RayState, hit: Hit) -> RayState:
     if not passages:
         return ray
     path = dr.norm(mi.Vector3f(hit.p) - ray.origin)
-    return replace(ray, fields=passed(passages, ray.origin, hit.direction, path, hit.active, ray.fields))
+    return replace(ray, fields=pass_all(passages, ray.origin, hit.direction, path, hit.active, ray.fields))
 
 
 def reflect(
@@ -437,7 +438,7 @@ def reflect(
         edge_a, edge_b = (x - d_out * dr.dot(x, d_out) for x in (tube_here.u, tube_here.v))
     else:
         edge_a, edge_b = (x - n * (2.0 * dr.dot(x, n)) for x in (edge_a, edge_b))
-    fields = mirrored(kernel, hit.properties, hit.cos_incidence, reflection.fields)
+    fields = apply_at_mirror(kernel, hit.properties, hit.cos_incidence, reflection.fields)
     antenna, d64 = ray.virtual_antenna, hit.direction64
     velocity = towards = ray.virtual_velocity
     shadow_boundary = ray.shadow_boundary

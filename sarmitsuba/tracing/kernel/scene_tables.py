@@ -14,12 +14,10 @@ from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.materials.diffuse import diffuse_tables, spectrum_table
 from sarmitsuba.scene.materials.diffuse_law import LAWS, Bistatic
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.mesh.boundary_edges import N_EDGES, facets
-from sarmitsuba.scene.mesh.curvature import facet_curvature
-from sarmitsuba.scene.mesh.edge_pairs import edge_pairs
-from sarmitsuba.scene.mesh.flattening import flattened
+from sarmitsuba.scene.mesh.flattening import flatten_facets
 from sarmitsuba.scene.mesh.metal_corners import corner_needs
 from sarmitsuba.scene.mesh.pieces import (
     part_sizes,
@@ -29,7 +27,8 @@ from sarmitsuba.scene.mesh.pieces import (
     round_needs,
     slant_factor,
 )
-from sarmitsuba.scene.mesh.welding import copies_apart, weld
+from sarmitsuba.scene.mesh.smooth_surface import facet_curvature
+from sarmitsuba.scene.mesh.topology import copies_apart, edge_pairs, weld
 from sarmitsuba.tracing.kernel.device_arrays import device_array
 from sarmitsuba.tracing.kernel.intersector import clearance_of, intersector
 from sarmitsuba.tracing.kernel.movement import Movers
@@ -66,7 +65,7 @@ class TraceScene:
     diffuse_table : (2 n_nodes n_materials,) float32: sqrt(sigma0) for h and v over the incidence angle, nodes
         uniform in angle from 0 to 90 degrees
     curvature_table : (8 n_faces,) float32, curvature of the smooth surfaces, see
-        :func:`sarmitsuba.scene.mesh.curvature.facet_curvature`; None in a flat scene
+        :func:`sarmitsuba.scene.mesh.smooth_surface.facet_curvature`; None in a flat scene
     needs : (n_faces,) m, largest permitted ray spacing on each face, for coherent and for diffuse returns
     corner_needs : (n_faces,) m, ray spacing that double bounces between metal facets need, also where the rays for
         them do not suffice and ``needs`` is coarser; infinite without
@@ -183,8 +182,8 @@ class TraceScene:
         return replace(
             self,
             mi_scene=intersector(corners),
-            face_table=device_array(mi.Float64, _packed(triangles)),
-            bounds=_joined(_bounds(corners), self.beside),
+            face_table=device_array(mi.Float64, _pack_faces(triangles)),
+            bounds=_join_bounds(_bounds(corners), self.beside),
             triangles=triangles,
             movers=movers,
             slabs=self.slabs and self.slabs.at(triangles),
@@ -205,7 +204,7 @@ class TraceScene:
         """
         if not self.n_faces:
             return self
-        materials = with_parts(materials)
+        materials = list_with_parts(materials)
         spectrum, correction = _spectra(materials, wavelength)
         tables = _material_tables(materials, wavelength)
         slabs = self.slabs and self.slabs.at_frequency(materials, wavelength)
@@ -288,7 +287,7 @@ def build_trace_scene(
     visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
     if places is not None and len(places):
         meshed = bool(visible.any())
-        return _with_places(geometry, materials, wavelength, antenna, places, seed, meshed, aperture)
+        return _include_places(geometry, materials, wavelength, antenna, places, seed, meshed, aperture)
     if not visible.any():
         raise SceneError(
             "scene: nothing to trace: every mesh is empty or invisible; give a mesh a material that reflects"
@@ -298,7 +297,7 @@ def build_trace_scene(
     corners = triangles.astype(np.float32)
     movers = Movers.of(geometry, rows_kept)
 
-    materials = with_parts(materials)
+    materials = list_with_parts(materials)
     material_table, diffuse_table = _material_tables(materials, wavelength)
     form = np.array([FORMS.index(LAWS[m.diffuse_law].bistatic) for m in materials], dtype=np.uint32)
     material = geometry.face_material[rows_kept].astype(np.uint32)
@@ -307,7 +306,7 @@ def build_trace_scene(
         vertex = movers.apart(vertex)
     pairs = edge_pairs(vertex)
     # `corners`, which rays are intersected with, keep the common vertices of facets
-    triangles = flattened(triangles, pairs, wavelength)
+    triangles = flatten_facets(triangles, pairs, wavelength)
     if movers is not None:
         movers = replace(movers, triangles=triangles)
     piece = piece_of(triangles, vertex, pairs)
@@ -345,7 +344,7 @@ def build_trace_scene(
     occurring = form[material] if surfaces is None or surfaces.classes is None else form
     return TraceScene(
         mi_scene=intersector(corners),
-        face_table=device_array(mi.Float64, _packed(triangles)),
+        face_table=device_array(mi.Float64, _pack_faces(triangles)),
         edge_table=_table32(flat.edges),
         piece_table=None if flat.uncreased is None else _table32(flat.uncreased),
         face_info=device_array(mi.UInt32, info.astype(np.uint32)),
@@ -372,14 +371,14 @@ def build_trace_scene(
     )
 
 
-def _joined(bounds: F64, other: F64 | None) -> F64:
+def _join_bounds(bounds: F64, other: F64 | None) -> F64:
     """Common bounds (2, 3) of two boxes."""
     if other is None:
         return bounds
     return np.stack([np.minimum(bounds[0], other[0]), np.maximum(bounds[1], other[1])])
 
 
-def _with_places(
+def _include_places(
     geometry: Geometry,
     materials: tuple[Material, ...],
     wavelength: float,
@@ -393,7 +392,7 @@ def _with_places(
     if visible:
         scene = build_trace_scene(geometry, materials, wavelength, antenna, seed=seed, aperture=aperture)
         beside = np.stack([places.min(axis=0), places.max(axis=0)])
-        return replace(scene, bounds=_joined(scene.bounds, beside), beside=beside)
+        return replace(scene, bounds=_join_bounds(scene.bounds, beside), beside=beside)
     # tables need at least one row: a face that no ray can hit
     face = replace(
         Geometry.empty(),
@@ -416,7 +415,7 @@ def _with_places(
     )
 
 
-def _packed(triangles: F64) -> F64:
+def _pack_faces(triangles: F64) -> F64:
     """Rows (n_faces, 3, 4) of the face table, from the corners (n_faces, 3, 3) of the triangles."""
     v0, v1, v2 = (triangles[:, i] for i in range(3))
     e1, e2 = v1 - v0, v2 - v0

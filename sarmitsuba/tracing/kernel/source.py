@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.tracing.derivatives.hooks import derivatives_of
 from sarmitsuba.tracing.kernel import field
-from sarmitsuba.tracing.kernel.closing import selected
+from sarmitsuba.tracing.kernel.closing import select_contribution
 from sarmitsuba.tracing.kernel.intersector import leave_surface, query_ray
 from sarmitsuba.tracing.kernel.kernel import TraceCounts
 from sarmitsuba.tracing.kernel.leg import (
@@ -28,9 +28,9 @@ from sarmitsuba.tracing.kernel.leg import (
     pattern_gain,
     straight_leg,
 )
-from sarmitsuba.tracing.kernel.propagation import antenna_of, hit_point, reflected
+from sarmitsuba.tracing.kernel.propagation import antenna_of, hit_point, reflect_fields
 from sarmitsuba.tracing.kernel.scene_tables import MATERIAL_MASK
-from sarmitsuba.tracing.kernel.stage import KernelRecording, mirrored
+from sarmitsuba.tracing.kernel.stage import KernelRecording, apply_at_mirror
 from sarmitsuba.tracing.kernel.staged import through_stages
 from sarmitsuba.tracing.kernel.state import SCATTERER, Contribution, Kernel
 from sarmitsuba.tracing.kernel.table_rows import MaterialRow, SlabRow
@@ -216,7 +216,7 @@ class PointSource:
                     self._return(kernel, antenna, pulse, index, point, order, ((out, home), *back))
                 )
         added = accumulator.begin()
-        added, contributions = _added(accumulator, added, returns)
+        added, contributions = _add_echoes(accumulator, added, returns)
         return TraceCounts(dr.zeros(mi.UInt32, part.count * pulses.n_pulses), contributions), added
 
     def scatterers_of(self, part: Part) -> Scatterers:
@@ -244,10 +244,10 @@ class PointSource:
 
         legs = [straight_leg(Surroundings.within(kernel), point, departure, position, velocity)]
         if self.max_order > 1:
-            legs.append(self._over_ground(kernel, index, point, position, velocity))
+            legs.append(self._reflect_by_ground(kernel, index, point, position, velocity))
         return legs
 
-    def _over_ground(
+    def _reflect_by_ground(
         self,
         kernel: Kernel,
         index: mi.UInt32,
@@ -290,10 +290,10 @@ class PointSource:
         seen &= around.free(departure, to_antenna, mi.Float(outer), mi.Bool(True))
         basis = antenna_basis(around, to_antenna)
         fields, first = around.passed(departure, to_antenna, mi.Float(outer), seen, basis)
-        reflection = reflected(
+        reflection = reflect_fields(
             kernel, -to_antenna, n, found.properties, found.slab, dr.dot(found.own, n64) < 0.0, fields
         )
-        fields = mirrored(kernel, found.properties, dr.dot(to_antenna, n), reflection.fields)
+        fields = apply_at_mirror(kernel, found.properties, dr.dot(to_antenna, n), reflection.fields)
         fields, second = around.passed(start, to, mi.Float(length - outer), seen, fields)
         for along, shift in ((to_antenna, first), (to, second)):
             if shift is not None:  # the delay; the lateral shift changes only the range rate
@@ -380,7 +380,7 @@ class _Ground:
         return _Ground(valid, found.prim_index, p, n64, own, properties, row)
 
 
-def _added(
+def _add_echoes(
     accumulator: Accumulator, added: LaneArrays, returns: Sequence[Contribution]
 ) -> tuple[LaneArrays, mi.UInt32]:
     """Pass echoes to the accumulator in a loop (its code is in the kernel once); returns their number."""
@@ -397,7 +397,7 @@ def _added(
         one, active = returns[0], returns[0].active
         for i, other in enumerate(returns[1:], 1):
             there = slot == i
-            one, active = selected(there, other, one), dr.select(there, other.active, active)
+            one, active = select_contribution(there, other, one), dr.select(there, other.active, active)
         one = replace(one, active=active)
         return slot + 1, count + dr.select(active, mi.UInt32(1), 0), accumulator.add(added, one)
 

@@ -156,11 +156,11 @@ class ScattererLattice:
 
     def first(self) -> Node:
         """The first node of the patch."""
-        return self._found(self._row(mi.Int32(0)))
+        return self._find_node(self._row(mi.Int32(0)))
 
     def after(self, node: Node, step: mi.Int32) -> Node:
         """The next node of the patch, or, in lanes with a ``step`` of 0 rather than 1, the same."""
-        return self._found(replace(node, column=node.column + step))
+        return self._find_node(replace(node, column=node.column + step))
 
     def _row(self, row: mi.Int32) -> Node:
         """The first node of a row."""
@@ -175,7 +175,7 @@ class ScattererLattice:
             row, mi.Int32(dr.ceil(dr.minimum(low, MOST_NODES))), mi.Int32(dr.floor(dr.maximum(high, -1.0)))
         )
 
-    def _found(self, node: Node) -> Node:
+    def _find_node(self, node: Node) -> Node:
         """The node itself, or the first node of the following rows if its own row is finished."""
         found: tuple[Node] = dr.while_loop(
             (node,),
@@ -232,7 +232,7 @@ def cell_on(cell: mi.Float64, largest: mi.Float) -> mi.Float64:
     return cell * mi.Float64(dr.exp2(-0.5 * dr.clip(steps, 0.0, 40.0)))
 
 
-def thinned(cell: mi.Float64, wider: mi.Float, area: mi.Float) -> mi.Float64:
+def widen_cells(cell: mi.Float64, wider: mi.Float, area: mi.Float) -> mi.Float64:
     """Edge of the cells in a patch spread by a curved mirror, m: so large that it has about ``WIDE_NODES`` nodes.
 
     Parameters

@@ -3,18 +3,19 @@
 The kernel itself (:mod:`sarmitsuba.tracing.kernel.kernel`) has the bounce, the physical-optics and diffuse returns,
 and the branching at slabs. A stage modifies their results: the fields of a ray at launch, at a hit and after
 reflection, the coherent return, and every echo of every source. Stages that are off are not recorded and cost nothing.
+
+Check of what a user's stage returns: the kernel records only values of the same kinds as before.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from sarmitsuba.core.errors import ExtensionError, SarmitsubaError
 from sarmitsuba.core.registry import Calling, Registry, checked_type, is_built_in
 from sarmitsuba.effects.effect import EFFECTS
-from sarmitsuba.machine.backend import mi
-from sarmitsuba.tracing.kernel.returned import as_wide, like, lost_where_not_finite
+from sarmitsuba.machine.backend import dr, mi
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -31,6 +32,76 @@ if TYPE_CHECKING:
         TubeFootprint,
     )
     from sarmitsuba.tracing.kernel.table_rows import MaterialRow
+
+
+def like(found: Value, before: Value, optional: tuple[str, ...] = ()) -> Value:
+    """What a stage returned, if each part has the type and length of that part before.
+
+    Parameters
+    ----------
+    found, before : dataclasses of Dr.Jit arrays, tuples and further dataclasses
+    optional : attributes that may be None, before or after
+
+    Raises
+    ------
+    TypeError
+        A part is of another type: Dr.Jit would refuse it later, without a name.
+    ValueError
+        A tuple has another number of entries, or an array is neither as wide as the kernel nor one value.
+    """
+    checked_type(found, type(before))
+    _check(found, before, "", _width(before), optional)
+    return found
+
+
+def as_wide(found: Value, before: object) -> Value:
+    """What a stage returned, if it is one value or as wide as the kernel's values ``before``."""
+    _check_width(found, "the factor", _width(before))
+    return found
+
+
+def _check(found: object, before: object, name: str, width: int, optional: tuple[str, ...]) -> None:
+    if found is before or (name in optional and (found is None or before is None)):
+        return
+    if type(found) is not type(before) and (name or not isinstance(found, type(before))):
+        raise TypeError(f"{name} is {type(found).__name__}, not {type(before).__name__}")
+    if is_dataclass(before):
+        for part in fields(before):
+            inner = f"{name}.{part.name}" if name else part.name
+            _check(getattr(found, part.name), getattr(before, part.name), inner, width, optional)
+    elif isinstance(before, tuple) and isinstance(found, tuple):
+        if len(found) != len(before):
+            raise ValueError(f"{name} has {len(found)} entries, not {len(before)}")
+        for i, (a, b) in enumerate(zip(found, before, strict=True)):
+            _check(a, b, f"{name}[{i}]", width, optional)
+    else:
+        _check_width(found, name, width)
+
+
+def _check_width(found: object, name: str, width: int) -> None:
+    if not dr.is_array_v(found):
+        return
+    n = dr.width(found)
+    if n not in (1, width):
+        raise ValueError(
+            f"{name} has {n} values; the kernel has {width} lanes: one value for each, or one for all"
+        )
+
+
+def _width(value: object) -> int:
+    """Largest width of the Dr.Jit arrays in a value."""
+    if dr.is_array_v(value):
+        return int(dr.width(value))
+    if is_dataclass(value):
+        return max((_width(getattr(value, part.name)) for part in fields(value)), default=1)
+    return max(map(_width, value), default=1) if isinstance(value, tuple) else 1
+
+
+def lost_where_not_finite(finite: mi.Bool, amplitude: mi.Complex2f) -> mi.Complex2f:
+    """Amplitude that is NaN where an echo has a place that is not finite: sums of power then show it."""
+    nan = mi.Complex2f(dr.nan, dr.nan)
+    return dr.select(finite | (dr.squared_norm(amplitude) == 0.0), amplitude, nan)
+
 
 Value = TypeVar("Value")
 
@@ -158,28 +229,28 @@ def changes_echoes(flags: KernelFlags) -> bool:
     return any(type(stage).at_echo is not Stage.at_echo for stage in stages_of(flags))
 
 
-def _checked(stage: Stage, found: Value, before: Value, optional: tuple[str, ...] = ()) -> Value:
-    """What a stage returned; checked for a user's own, see :func:`sarmitsuba.tracing.kernel.returned.like`."""
+def _check_returned(stage: Stage, found: Value, before: Value, optional: tuple[str, ...] = ()) -> Value:
+    """What a stage returned; checked for a user's own, see :func:`sarmitsuba.tracing.kernel.stage.like`."""
     return found if is_built_in(stage) else like(found, before, optional)
 
 
-def launched(kernel: Kernel, lane: Lane, ray: RayState) -> RayState:
+def apply_at_launch(kernel: Kernel, lane: Lane, ray: RayState) -> RayState:
     """Ray at launch, after all stages."""
     for stage in stages_of(kernel.flags):
         with Calling(_KIND, stage, "at_launch"):
-            ray = _checked(stage, stage.at_launch(kernel, lane, ray), ray)
+            ray = _check_returned(stage, stage.at_launch(kernel, lane, ray), ray)
     return ray
 
 
-def arrived(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> RayState:
+def apply_at_hit(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> RayState:
     """Incident ray at a hit, after all stages."""
     for stage in stages_of(kernel.flags):
         with Calling(_KIND, stage, "at_hit"):
-            ray = _checked(stage, stage.at_hit(kernel, lane, ray, hit), ray)
+            ray = _check_returned(stage, stage.at_hit(kernel, lane, ray, hit), ray)
     return ray
 
 
-def mirrored(
+def apply_at_mirror(
     kernel: Kernel, properties: MaterialRow, cosine: mi.Float, fields: tuple[ComplexVector, ...]
 ) -> tuple[ComplexVector, ...]:
     """Fields reflected by a smooth surface, after all stages; parameters as for :meth:`Stage.at_mirror`."""
@@ -193,14 +264,14 @@ def mirrored(
     return fields
 
 
-def closed(
+def apply_at_closing(
     kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube: TubeFootprint, closing: Closing
 ) -> Closing:
     """Coherent return of the tube at a hit, after all stages."""
     for stage in stages_of(kernel.flags):
         with Calling(_KIND, stage, "at_closing"):
             found = stage.at_closing(kernel, lane, ray, hit, tube, closing)
-            closing = _checked(stage, found, closing, ("integral",))
+            closing = _check_returned(stage, found, closing, ("integral",))
     return closing
 
 
@@ -228,11 +299,11 @@ def vanishing(kernel: Kernel, hit: Hit, tube: TubeFootprint) -> mi.Bool:
     return none
 
 
-def echoed(flags: KernelFlags, wavenumber: mi.Float, echo: Contribution) -> Contribution:
+def apply_at_echo(flags: KernelFlags, wavenumber: mi.Float, echo: Contribution) -> Contribution:
     """Echo after all stages."""
     for stage in stages_of(flags):
         with Calling(_KIND, stage, "at_echo"):
-            echo = _checked(stage, stage.at_echo(wavenumber, echo), echo)
+            echo = _check_returned(stage, stage.at_echo(wavenumber, echo), echo)
     if own_stages(flags):
         # an echo without a place would count as outside the receive window
         placed = echo.placed

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from sarmitsuba.tracing.kernel.kernel import Accumulator, Follower
-from sarmitsuba.tracing.kernel.stage import changes_echoes, echoed, own_stages
+from sarmitsuba.tracing.kernel.stage import apply_at_echo, changes_echoes, own_stages
 
 if TYPE_CHECKING:
     from sarmitsuba.machine.backend import mi
@@ -33,7 +33,7 @@ class _Staged:
 
     def add(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
         flags, wavenumber = self.kernel.flags, self.kernel.constants.wavenumber
-        return self.accumulator.add(state, echoed(flags, wavenumber, contribution))
+        return self.accumulator.add(state, apply_at_echo(flags, wavenumber, contribution))
 
 
 class _StagedFollower(_Staged):

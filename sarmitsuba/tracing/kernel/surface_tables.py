@@ -232,7 +232,7 @@ class BitmapLayer:
         record = dr.gather(mi.Vector4u, self.bitmaps, material, active)
         u, v = self._uv(face, offset, active)
         column, row = (
-            _within(dr.floor(x * mi.Float(n)), n, record.w) for x, n in ((u, record.y), (v, record.z))
+            _wrap_index(dr.floor(x * mi.Float(n)), n, record.w) for x, n in ((u, record.y), (v, record.z))
         )
         return dr.gather(type(self.texels), self.texels, record.x + row * record.y + column, active)
 
@@ -282,7 +282,7 @@ class BitmapLayer:
         for x, n in ((u, record.y), (v, record.z)):
             at = x * mi.Float(n) - shift
             first = dr.floor(at)
-            ends = [_within(first + i, n, record.w) for i in (0, 1)]
+            ends = [_wrap_index(first + i, n, record.w) for i in (0, 1)]
             axes.append((ends, dr.select(shift > 0.0, at - first, 0.0)))
         (columns, tu), (rows, tv) = axes
         return [[record.x + row * record.y + c for c in columns] for row in rows], tu, tv
@@ -293,7 +293,7 @@ class BitmapLayer:
         return u, v
 
 
-def _within(index: mi.Float, size: mi.UInt32, bits: mi.UInt32) -> mi.UInt32:
+def _wrap_index(index: mi.Float, size: mi.UInt32, bits: mi.UInt32) -> mi.UInt32:
     """Index of a texel along one axis, from an integer that may lie beyond the bitmap's edges."""
     n = mi.Float(size)  # 0 in lanes that are not active, where an integer division would stop the processor
     around = index - n * dr.floor(index / dr.maximum(n, 1.0))

@@ -203,19 +203,19 @@ SOURCES: Registry[SourceKind] = Registry(
 )
 
 
-def _in_turn() -> list[SourceKind]:
+def _order_kinds() -> list[SourceKind]:
     return sorted(SOURCES, key=lambda kind: kind.rank)
 
 
 def sources_of(site: Site) -> tuple[Source, ...]:
     """Sources of a scene with the effects plan applied; none in most scenes."""
-    made = (kind.made(site) for kind in _in_turn())
+    made = (kind.made(site) for kind in _order_kinds())
     return tuple(source for source in made if source is not None)
 
 
 def expected_sources(site: Site, sub_bands: int = 1) -> tuple[Expected, ...]:
     """Expected cost of each source of a scene; see :meth:`SourceKind.expected`."""
-    expected = (kind.expected(site, sub_bands) for kind in _in_turn())
+    expected = (kind.expected(site, sub_bands) for kind in _order_kinds())
     return tuple(each for each in expected if each is not None)
 
 
@@ -226,5 +226,5 @@ def most_bounces(scene: Scene) -> int:
 
 def passages_of(scene: Scene) -> tuple[Passage, ...]:
     """Passages of a scene (volumes that attenuate waves); none in most scenes."""
-    found = (kind.passage(scene) for kind in _in_turn()) if scene.scatterers else ()
+    found = (kind.passage(scene) for kind in _order_kinds()) if scene.scatterers else ()
     return tuple(passage for passage in found if passage is not None)

@@ -78,10 +78,10 @@ from sarmitsuba.truth.theory.link import (
 from sarmitsuba.truth.theory.mie import sphere_mie, sphere_po, sphere_po_amplitude
 from sarmitsuba.truth.theory.moments import circular_cylinder, strips_by_moments
 from sarmitsuba.truth.theory.moving import (
-    along_track_phase,
     apparent_place,
     azimuth_displacement,
     double_bounce_range_speed,
+    phase_along_track,
     quadratic_phase,
     range_acceleration,
     range_walk,
@@ -159,7 +159,6 @@ __all__ = [
     "SlabWaves",
     "SpeckleTest",
     "WedgeFrame",
-    "along_track_phase",
     "aperture_cell",
     "apparent_place",
     "asked_correlation",
@@ -230,6 +229,7 @@ __all__ = [
     "pair_sum",
     "path_in_ball",
     "path_in_box",
+    "phase_along_track",
     "phase_test",
     "plant_permittivity",
     "plate_along_its_sheet",

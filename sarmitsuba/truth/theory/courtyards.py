@@ -93,8 +93,8 @@ def pair_sum(
     vertical = np.cross(horizontal, -to_radar)
     s_matrix = np.empty((2, 2, len(point), len(point)))
     for i, e in enumerate((horizontal, vertical)):
-        field = _diffused(np.broadcast_to(e, s.shape), -to_radar, normal[:, None], s)
-        field = _diffused(field, s, normal[None], to_radar)
+        field = _diffuse_field(np.broadcast_to(e, s.shape), -to_radar, normal[:, None], s)
+        field = _diffuse_field(field, s, normal[None], to_radar)
         for j, q in enumerate((horizontal, vertical)):
             s_matrix[i, j] = field @ q
     total = s_matrix + s_matrix.swapaxes(2, 3)
@@ -102,7 +102,7 @@ def pair_sum(
     return PairReturn(*(np.array(x) for x in (sigma[0, 0], sigma[1, 1], 0.5 * (sigma[0, 1] + sigma[1, 0]))))
 
 
-def _diffused(field: F64, d: F64, normal: F64, s: F64) -> F64:
+def _diffuse_field(field: F64, d: F64, normal: F64, s: F64) -> F64:
     """Field incident along d and scattered along s, with its components kept in both planes of incidence."""
     h_i, h_s = _unit(np.cross(d, normal)), _unit(np.cross(normal, s))
     v_i, v_s = np.cross(h_i, d), np.cross(h_s, -s)

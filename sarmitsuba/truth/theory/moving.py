@@ -129,7 +129,7 @@ def range_walk(range_speed: ArrayLike, time: float) -> F64:
     return np.asarray(np.asarray(range_speed) * time, dtype=np.float64)
 
 
-def along_track_phase(range_speed: ArrayLike, lag: float, wavelength: float) -> F64:
+def phase_along_track(range_speed: ArrayLike, lag: float, wavelength: float) -> F64:
     r"""Phase of an along-track interferogram, later look times the conjugate of the earlier one, rad, not wrapped.
 
     .. math:: \phi = -\frac{4\pi}{\lambda} v_r \tau

@@ -17,7 +17,7 @@ DIHEDRAL: C128 = np.array([[1.0, 0.0], [0.0, -1.0]], dtype=np.complex128)
 DIPOLE: C128 = np.array([[1.0, 0.0], [0.0, 0.0]], dtype=np.complex128)
 
 
-def turned(matrix: ArrayLike, roll: ArrayLike) -> C128:
+def rotate_target(matrix: ArrayLike, roll: ArrayLike) -> C128:
     r"""Scattering matrix of a target rotated by ``roll`` (rad, from h towards v) about the line of sight, (..., 2, 2).
 
     .. math:: S' = R(\psi) S R(\psi)^T

@@ -81,7 +81,7 @@ def slab(
             y = VACUUM_IMPEDANCE / sheet_resistance
             rho = -y / (2.0 * admittance + y)
             sheet = np.asarray(rho, np.complex128), np.asarray(1.0 + rho, np.complex128)
-            r, t = _joined(sheet, (r, t)) if sheet_first else _joined((r, t), sheet)
+            r, t = _join_layers(sheet, (r, t)) if sheet_first else _join_layers((r, t), sheet)
         waves.append((r, t))
     (r_te, t_te), (r_tm, t_tm) = waves
     return SlabWaves(r_te, -r_tm, t_te, t_tm)
@@ -204,7 +204,7 @@ def _airy(r: C128, delta: C128) -> tuple[C128, C128]:
     return np.asarray(r * (1.0 - once * once) / rest), np.asarray((1.0 - r * r) * once / rest)
 
 
-def _joined(first: tuple[C128, C128], second: tuple[C128, C128]) -> tuple[C128, C128]:
+def _join_layers(first: tuple[C128, C128], second: tuple[C128, C128]) -> tuple[C128, C128]:
     """Sum of all reflections between two adjacent symmetric layers, in the order of incidence."""
     rest = 1.0 - first[0] * second[0]
     return (

@@ -44,7 +44,7 @@ class SpeckleTest:
     p_value: float
     n_samples: int
 
-    def accepted(self, confidence: float = 0.99) -> bool:
+    def accepts(self, confidence: float = 0.99) -> bool:
         """Whether a test that rejects true speckle with probability 1 - confidence accepts the theory."""
         return self.p_value > 1.0 - confidence
 

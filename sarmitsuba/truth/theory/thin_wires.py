@@ -55,14 +55,14 @@ def cylinder_series(
             tm += jv(n, x) / hankel2(n, x) * wave
             te += jvp(n, x) / h2vp(n, x) * wave
             continue
-        matched = _matched(n, ka, float(np.cos(tilt)), beta, permittivity)
+        matched = _match_boundary(n, ka, float(np.cos(tilt)), beta, permittivity)
         tm -= matched[0, 0] * wave
         te -= matched[1, 1] * wave
         cross -= matched[0, 1] * wave
     return tm, te, cross
 
 
-def _matched(n: int, ka: float, cosine: float, beta: float, permittivity: complex) -> C128:
+def _match_boundary(n: int, ka: float, cosine: float, beta: float, permittivity: complex) -> C128:
     """Scattered E_z and eta H_z (rows) of order n for incoming ones (columns), (2, 2), in units of J_n and H_n.
 
     Along the surface E_z, eta H_z, E_phi and eta H_phi go on; for exp(-j beta k z) the latter two are

@@ -21,10 +21,10 @@ from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.signal.chirp import to_chirped
 from sarmitsuba.signal.focusing import focus
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.metrics import point_target_in
-from sarmitsuba.signal.raw.chirp import to_chirped
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth.validation import targets
 
@@ -69,7 +69,7 @@ def make_scene(
 
 
 @contextmanager
-def unwarned() -> Iterator[None]:
+def suppress_warnings() -> Iterator[None]:
     """Suppress the program's warnings about settings that a case chooses on purpose."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SarmitsubaWarning)
@@ -88,7 +88,7 @@ def chain(
 
     Warnings about effects and rays are left out: the cases choose both on purpose.
     """
-    with unwarned():
+    with suppress_warnings():
         raw = simulate(scene, seed=seed)
     if chirped:
         raw = to_chirped(raw)

@@ -154,7 +154,7 @@ def ground(lowest: float) -> targets.Mesh:
     return targets.parallelogram(-0.5 * (a + b), a, b)
 
 
-def simulated(name: str, cut: DirectionCut, pick: slice = ALL, *, edges: bool = False) -> C128:
+def simulate_amplitudes(name: str, cut: DirectionCut, pick: slice = ALL, *, edges: bool = False) -> C128:
     """Return the simulator's amplitudes with automatic settings, minus those of the bare ground.
 
     Parameters
@@ -176,12 +176,12 @@ def simulated(name: str, cut: DirectionCut, pick: slice = ALL, *, edges: bool = 
     for group in np.unique(reach):
         here = reach == group
         floor = ground(float(elevation[here].min()))
-        out[here] = _traced(targets.geometry([floor, *bodies(name)]), looks[here], edges)
-        out[here] -= _traced(targets.geometry([floor]), looks[here], edges)
+        out[here] = _trace_looks(targets.geometry([floor, *bodies(name)]), looks[here], edges)
+        out[here] -= _trace_looks(targets.geometry([floor]), looks[here], edges)
     return out
 
 
-def _traced(geometry: Geometry, looks: F64, edges: bool) -> C128:
+def _trace_looks(geometry: Geometry, looks: F64, edges: bool) -> C128:
     sources: tuple[Source, ...] = ()
     if edges:
         sources = (PointSource(FringeCurrents(edges_of(geometry, targets.PEC, WAVELENGTH)), 3),)
@@ -202,7 +202,7 @@ def _traced(geometry: Geometry, looks: F64, edges: bool) -> C128:
 
 
 @cache
-def stored(path: Path = STORED) -> dict[str, dict[str, C128]]:
+def read_stored(path: Path = STORED) -> dict[str, dict[str, C128]]:
     """Exact amplitudes per scene and cut, (n, 3) complex128 of ``CHANNELS``, phase referred to the origin.
 
     Raises

@@ -14,12 +14,12 @@ from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import default_grid, focus
 from sarmitsuba.signal.image import SarImage
-from sarmitsuba.signal.raw.noise import add_noise
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.noise import add_noise
+from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation import targets
-from sarmitsuba.truth.validation.chain import Parameter, make_scene, unwarned
+from sarmitsuba.truth.validation.chain import Parameter, make_scene, suppress_warnings
 from sarmitsuba.truth.validation.comparison import CRITICAL_DISTANCE, Comparison
 
 ROUGH = Material(
@@ -189,7 +189,7 @@ def pair_of(
     offset = second_pass(first.radar, relief, baseline, passes)
     second = setting.scene(meshes, materials, extent, **offset.parameters)
     second = replace(second, settings=replace(second.settings, pass_days=days))
-    with unwarned():
+    with suppress_warnings():
         raws = simulate(first), simulate(second)
     grid = default_grid(first.radar, first.image)
     one, two = (focus(raw, grid, range_window=window, azimuth_window=window) for raw in raws)

@@ -9,8 +9,8 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing import focus
 from sarmitsuba.signal.focusing.ideal import ideal_echoes
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.noise import add_noise
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
+from sarmitsuba.signal.noise import add_noise
+from sarmitsuba.signal.raw_data import Layer, RawData
 
 # noise is independent in every channel: four realisations in one pass
 _FOUR = tuple(Layer(channel) for channel in ("HH", "HV", "VH", "VV"))

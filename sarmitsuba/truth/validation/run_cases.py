@@ -117,7 +117,7 @@ def report(cases: Sequence[Case], command: str, facts: Mapping[str, str], images
         "",
         "Every case compares the simulator with a closed form, a published value, an exact solution, or what the "
         "scene was given. "
-        "The same cases, some of them with fewer bands and angles, are the tests in `tests/physics` and "
+        "The same cases, some of them with fewer bands and angles, are the tests in `tests/truth` and "
         "`tests/statistics`.",
         "",
         f"**Canonical radar cross sections: median deviation {total.median:.4f} dB, worst {total.worst:.4f} dB** over "

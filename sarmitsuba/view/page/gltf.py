@@ -63,7 +63,7 @@ def page_mesh(geometry: Geometry, center: F64, most_faces: int = MOST_FACES) -> 
     return PageMesh(glb, int(faces.shape[0]), edge)
 
 
-def drawn(scene: Scene) -> tuple[Geometry, tuple[str, ...]]:
+def draw_scene(scene: Scene) -> tuple[Geometry, tuple[str, ...]]:
     """Geometry that a page draws of a scene, in the file's frame, and the names of its materials.
 
     It consists of the meshes, and of one mesh for every kind of scatterers that is drawn, such as wires.

@@ -13,11 +13,11 @@ from sarmitsuba.core.arrays import F32, F64, I32, I64, U8, unit_rows
 from sarmitsuba.core.units import power_from_db
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.simulation.execution.path_table import PathTable, PathTracer, joined
+from sarmitsuba.simulation.execution.path_table import PathTable, PathTracer, join_tables
 from sarmitsuba.simulation.planning.sampling.density_plan import azimuth_cell
 
 
-def on_plane(
+def locate_on_plane(
     position: F64, velocity: F64, slant_range: F64, range_rate: F64, height: float, across: F64
 ) -> F64:
     r"""Point of a horizontal plane that has a range and a range rate from a moving antenna.
@@ -125,10 +125,10 @@ def page_paths(
     shape = (-(-grid.shape[0] // size[0]), -(-grid.shape[1] // size[1]))
     tracer = PathTracer(scene, seed=seed)
     parts = [
-        _of_tile(tracer, scene, grid, channel, size, shape, part)
+        _trace_tile(tracer, scene, grid, channel, size, shape, part)
         for part in _tiles(shape, _served_rows(scene, grid, size[0]), tile)
     ]
-    table = joined([part.table for part in parts])
+    table = join_tables([part.table for part in parts])
     number, amplitude = (
         np.concatenate([getattr(p, name) for p in parts]) for name in ("number", "amplitude")
     )
@@ -184,7 +184,7 @@ def _tiles(
     return found
 
 
-def _of_tile(
+def _trace_tile(
     tracer: PathTracer,
     scene: Scene,
     grid: ImageGrid,
@@ -248,7 +248,7 @@ def cell_pixels(grid: ImageGrid, cell: tuple[float, float]) -> tuple[int, int]:
 def pixels_of(table: PathTable, scene: Scene, grid: ImageGrid, pulse: int) -> tuple[F64, F64]:
     """Fractional row and column of the paths of a pulse in an image; NaN outside it."""
     track = scene.radar.track
-    spot = on_plane(
+    spot = locate_on_plane(
         track.position[pulse],
         track.velocity[pulse],
         table.slant_range,

@@ -21,12 +21,12 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.windows import Window, parse_window
 from sarmitsuba.signal.image import ImageGrid, SarImage, backscatter
 from sarmitsuba.signal.pixel_labels import LabelLayer, Labels
-from sarmitsuba.simulation.execution.far_field import target_middle
 from sarmitsuba.simulation.execution.path_table import KINDS
+from sarmitsuba.simulation.execution.rcs import target_middle
 from sarmitsuba.simulation.execution.turntable import RcsSweep
 from sarmitsuba.version import __version__
 from sarmitsuba.view.display import has_clutter, limits_db
-from sarmitsuba.view.page.gltf import PageMesh, drawn, page_mesh
+from sarmitsuba.view.page.gltf import PageMesh, draw_scene, page_mesh
 from sarmitsuba.view.page.paths import PagePaths, page_paths
 from sarmitsuba.view.page.quantised_profiles import page_grid, page_profiles
 from sarmitsuba.view.page.run_folder import RunFolder
@@ -52,28 +52,28 @@ def labels_payload(labels: Labels) -> list[PixelLabels]:
     found: list[PixelLabels] = []
     for name, layer in labels.layers.items():
         if layer.codes and not layer.parts and layer.values.dtype.kind in "iu":
-            found.append(_of_codes(name, layer))
+            found.append(_pack_codes(name, layer))
         elif layer.parts and layer.unit in ("", "1") and layer.values.dtype.kind == "f":
-            found.append(_of_shares(name, layer))
+            found.append(_pack_shares(name, layer))
     return found
 
 
-def _of_codes(name: str, layer: LabelLayer) -> PixelLabels:
+def _pack_codes(name: str, layer: LabelLayer) -> PixelLabels:
     codes, inverse, count = np.unique(layer.values, return_inverse=True, return_counts=True)
     names = [layer.codes.get(int(code), str(code)) for code in codes]
-    return _ordered(name, layer, names, inverse.reshape(layer.values.shape), count)
+    return _order_names(name, layer, names, inverse.reshape(layer.values.shape), count)
 
 
-def _of_shares(name: str, layer: LabelLayer) -> PixelLabels:
+def _pack_shares(name: str, layer: LabelLayer) -> PixelLabels:
     shares = np.clip(np.nan_to_num(layer.values.astype(np.float64)), 0.0, 1.0)
     largest = np.where(shares.max(axis=2) > 0.0, shares.argmax(axis=2) + 1, 0)
     count = np.bincount(largest.reshape(-1), minlength=len(layer.parts) + 1)
-    found = _ordered(name, layer, ["none", *layer.parts], largest, count)
+    found = _order_names(name, layer, ["none", *layer.parts], largest, count)
     quantised: U8 = np.round(255.0 * shares).astype(np.uint8)
     return {**found, "part_names": list(layer.parts), "parts": quantised}
 
 
-def _ordered(
+def _order_names(
     name: str,
     layer: LabelLayer,
     names: Sequence[str],
@@ -176,7 +176,7 @@ def page_payload(runs: Sequence[RunFolder], channel: str | None, say: Say) -> di
     for run in runs:
         number: int | None = None
         if run.scene is not None:
-            mesh = page_mesh(drawn(run.scene)[0], center)
+            mesh = page_mesh(draw_scene(run.scene)[0], center)
             if mesh.glb not in meshes:
                 meshes[mesh.glb] = len(scenes)
                 scenes.append(scene_payload(run.scene, mesh, center))
@@ -193,7 +193,7 @@ def page_payload(runs: Sequence[RunFolder], channel: str | None, say: Say) -> di
 
 def scene_payload(scene: Scene, mesh: PageMesh, center: F64) -> dict[str, Value]:
     """Geometry, materials and ideal points; positions relative to the page's origin."""
-    geometry, materials = drawn(scene)
+    geometry, materials = draw_scene(scene)
     return {
         "glb": np.frombuffer(mesh.glb, dtype=np.uint8),
         "faces": mesh.n_faces,
@@ -222,7 +222,7 @@ def _look(run: RunFolder, channel: str | None, center: F64, say: Say) -> dict[st
         "channel": name,
         "wavelength": image.wavelength,
         "grid": grid_payload(grid, center),
-        "pixels": nested(*page_grid(image.grid)),
+        "pixels": nest_arrays(*page_grid(image.grid)),
         "image": image_payload(image, name) | {"side_lobes": side_lobes(image, **windows)},
         "focus": str(image.metadata.get("focus", {}).get("method", image.metadata.get("method", ""))),
         "radar": None,
@@ -234,7 +234,7 @@ def _look(run: RunFolder, channel: str | None, center: F64, say: Say) -> dict[st
     if run.raw is not None and run.raw.radar.start_stop().receiver is not None:
         say(f"{run.path}: bistatic data are not focused in the page")
     elif run.raw is not None:
-        look["echo"] = nested(*page_profiles(run.raw, image.grid, name, **windows).payload())
+        look["echo"] = nest_arrays(*page_profiles(run.raw, image.grid, name, **windows).payload())
     radar = run.raw.radar if run.raw is not None else None if run.scene is None else run.scene.radar
     if radar is not None:
         flown = run.raw.flown if run.raw is not None else None
@@ -364,7 +364,7 @@ def _radar(radar: Radar, grid: ImageGrid, center: F64) -> dict[str, Value]:
     }
 
 
-def nested(header: Mapping[str, Value], arrays: Mapping[str, NDArray[np.generic]]) -> dict[str, Value]:
+def nest_arrays(header: Mapping[str, Value], arrays: Mapping[str, NDArray[np.generic]]) -> dict[str, Value]:
     """Numbers and arrays in one nested mapping; ``band.gap`` becomes ``gap`` within ``band``."""
     found: dict[str, dict[str, Value]] = {"": dict(header)}
     for name, array in arrays.items():
@@ -433,7 +433,7 @@ def rcs_payload(scene: Scene, sweep: RcsSweep, image: SarImage | None) -> dict[s
     """
     middle, radius = target_middle(scene)
     center = middle + scene.offset
-    geometry, _ = drawn(scene)
+    geometry, _ = draw_scene(scene)
     lowest = scene.geometry.bounds[0, 2] if scene.geometry.n_faces else middle[2] - radius
     angles = [np.degrees(sweep.aspects.azimuth), np.degrees(sweep.aspects.elevation)]
     by_elevation = not sweep.aspects.by_azimuth and angles[0].size > 1
@@ -472,7 +472,7 @@ def _channel(sweep: RcsSweep, name: str) -> dict[str, Value]:
 def _image(image: SarImage, sweep: RcsSweep, center: F64) -> dict[str, Value]:
     """Image of every channel; axes from the target's centre, or x and y of the file for a full circle."""
     grid = image.grid.in_frame(np.zeros(3))
-    pixels = nested(*page_grid(image.grid))
+    pixels = nest_arrays(*page_grid(image.grid))
     origin = grid.origin * [1.0, 1.0, 0.0] - (0.0 if sweep.aspects.whole_circle else center)
     pixels["azimuth"] = grid.azimuth + float(origin @ grid.along)
     pixels["range"] = grid.across_distance() + float(origin @ grid.across)

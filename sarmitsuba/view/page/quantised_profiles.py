@@ -12,8 +12,8 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import beam_turn, flight
 from sarmitsuba.signal.focusing.windows import Window, parse_window
 from sarmitsuba.signal.image import ImageGrid, ShownAxes
-from sarmitsuba.signal.raw.pulse_motion import standing_still
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.pulse_motion import standing_still
+from sarmitsuba.signal.raw_data import RawData
 
 # range bins kept before and behind those of the image, for the side lobes of a range window
 _GUARD = 64

@@ -18,7 +18,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.range_compression import COMPRESSIONS, range_compress
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.pixel_labels import Labels
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution.fingerprint import shapes_hash
 
 RECORD, LABELS = "parameters.json", "labels.h5"
@@ -78,7 +78,7 @@ def read_run(path: Path, *, allow_outside: bool = False) -> RunFolder:
         raise DataError(f"{path}: holds no image; give a folder written by `render` or `focus`")
     image = read_image(image_path)
     notes = []
-    scene_record, origin, raw_path = _simulated(record, path)
+    scene_record, origin, raw_path = _find_simulated(record, path)
     raw = None
     if raw_path is None or not os.path.exists(raw_path):
         notes.append(f"{path}: no raw data; the page has no pulses to show and no image to build up")
@@ -113,7 +113,7 @@ def scene_of_run(path: Path, *, allow_outside: bool = False) -> Scene:
     DataError
         The folder holds no record, its scene is not known, or has changed since the run.
     """
-    record, origin, _ = _simulated(_record(path), path)
+    record, origin, _ = _find_simulated(_record(path), path)
     scene = _scene(record, origin, allow_outside)
     if scene is None:
         raise DataError(
@@ -126,7 +126,7 @@ def scene_of_run(path: Path, *, allow_outside: bool = False) -> Scene:
     return scene
 
 
-def _simulated(record: dict[str, Json], path: Path) -> tuple[dict[str, Json], Path, Path | None]:
+def _find_simulated(record: dict[str, Json], path: Path) -> tuple[dict[str, Json], Path, Path | None]:
     """Record and folder of the run that simulated, and its raw data."""
     if record.get("command") != "focus":
         return record, path, _result(path, "raw")

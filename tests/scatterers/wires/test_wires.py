@@ -22,7 +22,7 @@ from sarmitsuba.tracing.scatterers.wires.cylinder import cylinder_table
 from sarmitsuba.tracing.scatterers.wires.kind import WireTarget
 from sarmitsuba.tracing.scatterers.wires.source import WireScatterers, cut
 from sarmitsuba.truth import theory
-from sarmitsuba.truth.validation.cases.wires import beside_broadside, drawn_rod
+from sarmitsuba.truth.validation.cases.wires import draw_beside_broadside, drawn_rod
 from tests.support.unweighted import render
 
 WAVELENGTH = 0.031
@@ -151,7 +151,7 @@ def test_any_cut_gives_the_same_lobes(seed: int) -> None:
     ensure_backend()
     rng = np.random.default_rng(seed)
     line = drawn_rod(rng, 1.0, None)
-    directions = beside_broadside(
+    directions = draw_beside_broadside(
         rng, line, np.concatenate([np.linspace(-1.0, 1.0, 5), rng.uniform(-9.0, 9.0, 4)])
     )
     scene = build_scene(wires=[line], radar=RadarDescription())

@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sarmitsuba.core.errors import SceneError
+from sarmitsuba.loading.importing.city_model import footprint, is_building
 from sarmitsuba.loading.importing.import_options import ImportOptions
 from sarmitsuba.loading.importing.places import WGS84, crs_named
 from sarmitsuba.loading.importing.polygons import require_shapely
 from sarmitsuba.loading.importing.reading import read_json
 from sarmitsuba.loading.importing.source_format import SOURCES, CitySource, SourceFormat
-from sarmitsuba.loading.importing.tags import footprint, is_building
 
 if TYPE_CHECKING:
     import shapely

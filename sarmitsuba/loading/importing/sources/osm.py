@@ -4,12 +4,12 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from sarmitsuba.core.errors import SceneError
+from sarmitsuba.loading.importing.city_model import footprint, is_building
 from sarmitsuba.loading.importing.import_options import ImportOptions
 from sarmitsuba.loading.importing.places import WGS84
 from sarmitsuba.loading.importing.polygons import require_shapely
 from sarmitsuba.loading.importing.reading import read_xml
 from sarmitsuba.loading.importing.source_format import SOURCES, CitySource, SourceFormat
-from sarmitsuba.loading.importing.tags import footprint, is_building
 
 
 def read_osm(path: Path, options: ImportOptions) -> CitySource:
@@ -38,7 +38,7 @@ def read_osm(path: Path, options: ImportOptions) -> CitySource:
         if element.tag == "way":
             rings, holes = [ways[element.get("id", "")]], []
         elif tags.get("type") == "multipolygon":
-            rings, holes = (_joined(_members(element, role, ways)) for role in ("outer", "inner"))
+            rings, holes = (_join_ways(_members(element, role, ways)) for role in ("outer", "inner"))
         else:
             continue  # a relation of type building groups outlines that are in the file themselves
         try:
@@ -76,7 +76,7 @@ def _members(relation: ET.Element, role: str, ways: dict[str, list[str]]) -> lis
     return [list(ways[ref]) for ref in refs if ways.get(ref)]
 
 
-def _joined(ways: list[list[str]]) -> list[list[str]]:
+def _join_ways(ways: list[list[str]]) -> list[list[str]]:
     """Rings joined from ways with common ends; the last node of a ring repeats the first."""
     done, open_ends = [], [way for way in ways]
     while open_ends:

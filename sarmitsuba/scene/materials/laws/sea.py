@@ -87,7 +87,9 @@ def two_scale_sigma0(
         np.sum(level * np.abs((1.0 - turned) * a + turned * b) ** 2, axis=0)
         for a, b in ((alpha_h, alpha_v), (alpha_v, alpha_h))
     )
-    mirrored = _mirrored(tilt.slope_u, tilt.slope_c, short.height, wavenumber, permittivity, theta, azimuth)
+    mirrored = _specular_return(
+        tilt.slope_u, tilt.slope_c, short.height, wavenumber, permittivity, theta, azimuth
+    )
     return h + mirrored, v + mirrored
 
 
@@ -102,7 +104,7 @@ def _density(sea: SeaState, wavenumber: float, waves: F64, twice: F64) -> F64:
     )
 
 
-def _mirrored(
+def _specular_return(
     slope_u: float, slope_c: float, short: float, k: float, permittivity: complex, theta: F64, azimuth: float
 ) -> F64:
     """Specular return of facets facing the radar."""
@@ -187,7 +189,7 @@ class Sea(DiffuseLaw):
     def sigma0(self, surface: Surface, wavelength: float, theta: F64) -> Sigma0:
         """Mean over all directions of the wind; see `two_scale_sigma0`."""
         mean = self._harmonics(surface, wavelength)[0]
-        h, v = (np.square(_at(theta, np.sqrt(row))) for row in mean)
+        h, v = (np.square(_interpolate_row(theta, np.sqrt(row))) for row in mean)
         speed, notes = surface.law_parameter("wind_speed"), []
         if speed < 3.0:
             notes.append(
@@ -210,7 +212,7 @@ class Sea(DiffuseLaw):
         short = sea.moments(split)
         return WindWaves(
             downwind=downwind,
-            contrast=np.stack([_at(theta, row) for row in (*second, *fourth)], axis=1),
+            contrast=np.stack([_interpolate_row(theta, row) for row in (*second, *fourth)], axis=1),
             speeds=np.sqrt([short.speed_u, short.speed_c, short.speed_u + short.speed_c]),
             waves=sea.drawn(split, downwind, seed),
         )
@@ -222,7 +224,7 @@ class Sea(DiffuseLaw):
         )
 
 
-def _at(theta: F64, row: F64) -> F64:
+def _interpolate_row(theta: F64, row: F64) -> F64:
     """Values at other angles (rad) of those at steps of a degree."""
     return np.interp(theta, np.linspace(0.0, 0.5 * np.pi, _ANGLES), row)
 

@@ -246,9 +246,9 @@ class Canopy:
         extinction = np.zeros((NODES, 2))
         for number, mean in zip(density, means, strict=True):
             extinction += number * mean.extinction
-        back = _summed(density, [mean.back for mean in means])
+        back = _sum_pieces(density, [mean.back for mean in means])
         return VolumeMedium(
-            self.name, extinction, back, _summed(density, [mean.over_ground for mean in means])
+            self.name, extinction, back, _sum_pieces(density, [mean.over_ground for mean in means])
         )
 
 
@@ -325,7 +325,7 @@ def _mean_over_ground(
     )
 
 
-def _summed(density: Sequence[float], parts: Sequence[Covariance]) -> Covariance:
+def _sum_pieces(density: Sequence[float], parts: Sequence[Covariance]) -> Covariance:
     """Sum of the returns of pieces, weighted by their densities."""
     power, product = np.zeros((NODES, 3)), np.zeros(NODES, dtype=np.complex128)
     for number, part in zip(density, parts, strict=True):

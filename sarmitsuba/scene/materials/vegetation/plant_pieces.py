@@ -331,7 +331,7 @@ class Leaf(Piece):
         taken = -k * parallel.imag, -k * across.imag
         if not self._is_small(k):
             return taken
-        scattered = _scattered(
+        scattered = _scatter_piece(
             angle, k, complex(tangential[0]), complex(normal[0]), lambda way: _disc_form(k * self.radius, way)
         )
         return taken[0] + scattered[0], taken[1] + scattered[1]
@@ -494,7 +494,7 @@ def _disc_form(size: float, change: F64) -> F64:
     return np.where(q > 1e-6, 2.0 * scipy.special.j1(q) / np.where(q > 1e-6, q, 1.0), 1.0)
 
 
-def _scattered(
+def _scatter_piece(
     angle: F64, k: float, across: complex, along: complex, form: Callable[[F64], F64]
 ) -> tuple[F64, F64]:
     """Scattering cross sections of a small piece, (n,) m^2, parallel and across.

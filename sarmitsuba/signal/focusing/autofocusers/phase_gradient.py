@@ -12,7 +12,7 @@ from sarmitsuba.signal.focusing.autofocus import (
     Autofocuser,
     AutofocusTask,
     pulse_contributions,
-    without_trend,
+    remove_trend,
 )
 from sarmitsuba.signal.focusing.focuser import option
 
@@ -64,13 +64,13 @@ class PhaseGradient(Autofocuser):
             places = self._bright(task, task.image(error))
             history = pulse_contributions(raw.data[0], radar, places, task.range_window, "rectangular")
             history, width = _low_pass(history, width)
-            phase, seen = _integrated(history)
-            update = without_trend(radar, -phase / wavenumber, seen)
+            phase, seen = _integrate_history(history)
+            update = remove_trend(radar, -phase / wavenumber, seen)
             error = error + update
             task.progress("autofocus", done + 1.0, float(self.rounds), {})
             if wavenumber * np.sqrt(np.mean(update**2)) < _SMALL:
                 break
-        return without_trend(radar, error, seen)
+        return remove_trend(radar, error, seen)
 
     def _bright(self, task: AutofocusTask, image: C64) -> F64:
         """Positions (n, 3) of the brightest pixel in every column, and in every block of rows in stripmap."""
@@ -105,7 +105,7 @@ def _low_pass(history: C64, most: float) -> tuple[C64, float]:
     return scipy.fft.ifft(spectrum, axis=1, workers=-1)[:, :n].astype(np.complex64), 0.7 * width
 
 
-def _integrated(history: C64) -> tuple[F64, F64]:
+def _integrate_history(history: C64) -> tuple[F64, F64]:
     """Phase error (n_pulses,) rad from low-pass histories (n, n_pulses), and the signal power in every pulse.
 
     The slopes of the points are those of the weighted least squares over all gradients, of points and pulses together.

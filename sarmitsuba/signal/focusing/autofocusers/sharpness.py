@@ -13,7 +13,7 @@ from sarmitsuba.signal.focusing.autofocus import (
     Autofocuser,
     AutofocusTask,
     pulse_contributions,
-    without_trend,
+    remove_trend,
 )
 from sarmitsuba.signal.focusing.autofocusers.phase_gradient import PhaseGradient
 from sarmitsuba.signal.focusing.focuser import option
@@ -79,7 +79,7 @@ class _Sharpness(Autofocuser):
             found = result.x
             task.progress("autofocus", done + 1.0, float(len(levels)), {})
         seen = np.asarray(np.sum(np.abs(rows) ** 2, axis=0, dtype=np.float64))
-        return without_trend(radar, error + basis[:, : found.size] @ found / wavenumber, seen)
+        return remove_trend(radar, error + basis[:, : found.size] @ found / wavenumber, seen)
 
     def _lines(self, task: AutofocusTask, image: C64) -> F64:
         """Positions (n, 3) of the pixels in the brightest columns."""

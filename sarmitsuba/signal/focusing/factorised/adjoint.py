@@ -16,7 +16,7 @@ import scipy.fft
 from sarmitsuba.core.arrays import C64
 from sarmitsuba.core.progress import Progress
 from sarmitsuba.machine.backend import device_array, dr
-from sarmitsuba.signal.focusing.backprojection_kernel import Weighting, scaled, times, weighted_sum
+from sarmitsuba.signal.focusing.backprojection_kernel import Weighting, scale_complex, times, weighted_sum
 from sarmitsuba.signal.focusing.factorised.division import Plan, Section, SubimageLevel
 from sarmitsuba.signal.focusing.factorised.polar_lanes import (
     ANGLES,
@@ -40,8 +40,8 @@ from sarmitsuba.signal.focusing.factorised.stages import (
     tile_pixels,
 )
 from sarmitsuba.signal.focusing.profiles import MOST_BEYOND
+from sarmitsuba.signal.gridding import GriddingKernel
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.gridding import GriddingKernel
 
 if TYPE_CHECKING:
     Complex = tuple[dr.ArrayBase, dr.ArrayBase]
@@ -86,7 +86,7 @@ def adjoint_form(
             for value, target in zip(layers, out, strict=True):
                 turned = times((factor[0], -factor[1]), value)
                 for i, tap in enumerate(taps):
-                    add(types, target, scaled(tap, turned), index + i, lanes.inside)
+                    add(types, target, scale_complex(tap, turned), index + i, lanes.inside)
         return (t + 1,)
 
     start = dr.zeros(types.UInt32, lanes.size)
@@ -150,7 +150,7 @@ def adjoint_plan(job: Job, plan: Plan, grid: ImageGrid, pixels: C64, progress: P
     data = np.zeros((len(pixels), *job.raw.data.shape[1:]), dtype=np.complex64)
     work = float(pixels.size) * job.raw.radar.track.n_pulses
     for i, section in enumerate(plan.sections):
-        images = _uncorrected(job, section, _subimage(job, section, grid, pixels))
+        images = _correct_adjoint(job, section, _subimage(job, section, grid, pixels))
         antenna, centers = antenna_and_centers(job, section)
         for step in reversed(range(len(section.levels) - 1)):
             images = adjoint_merge(job.types, *merger(job, section, centers, step), images)
@@ -218,7 +218,7 @@ def _subimage(job: Job, section: Section, grid: ImageGrid, pixels: C64) -> list[
     return out
 
 
-def _uncorrected(job: Job, section: Section, images: list[Complex]) -> list[Complex]:
+def _correct_adjoint(job: Job, section: Section, images: list[Complex]) -> list[Complex]:
     """Adjoint of the division by the gridding kernel's transform."""
     shape, sizes, factors = corrections(job, section)
     out = []

@@ -25,19 +25,19 @@ from sarmitsuba.signal.focusing.factorised.polar_lanes import (
     quads,
 )
 from sarmitsuba.signal.focusing.factorised.sampling import TAPS, refinement_weights
-from sarmitsuba.signal.raw.gridding import GriddingKernel
+from sarmitsuba.signal.gridding import GriddingKernel
 
 if TYPE_CHECKING:
     Complex = tuple[dr.ArrayBase, dr.ArrayBase]
 
 
-def packed(types: ModuleType, value: Complex) -> dr.ArrayBase:
+def pack_complex(types: ModuleType, value: Complex) -> dr.ArrayBase:
     """A complex number as one word."""
     re, im = (types.UInt64(dr.reinterpret_array(types.UInt32, part)) for part in value)
     return re | (im << 32)
 
 
-def unpacked(types: ModuleType, word: dr.ArrayBase) -> Complex:
+def unpack_complex(types: ModuleType, word: dr.ArrayBase) -> Complex:
     """The complex number in a word."""
     return (
         dr.reinterpret_array(types.Float32, types.UInt32(word)),
@@ -86,7 +86,7 @@ def form(
             for layer in range(n_layers):
                 re, im = Float(0.0), Float(0.0)
                 for i, tap in enumerate(taps):
-                    a, b = unpacked(types, dr.gather(types.UInt64, pulses.profiles, index + i))
+                    a, b = unpack_complex(types, dr.gather(types.UInt64, pulses.profiles, index + i))
                     re, im = dr.fma(tap, a, re), dr.fma(tap, b, im)
                 value = times((re, im), factor)
                 j = 2 * (k * n_layers + layer)
@@ -114,7 +114,7 @@ def _write(
         angle, layer = divmod(j // 2, len(out))
         dr.scatter(
             out[layer],
-            packed(types, (sums[j], sums[j + 1])),
+            pack_complex(types, (sums[j], sums[j + 1])),
             place + angle * n_ranges,
             active=inside,
             mode=dr.ReduceMode.NoConflicts,
@@ -195,7 +195,7 @@ def merge(
         phasors, index = lanes.child(types, c, shifts, turns_per_metre)
         for layer in range(n_layers):
             samples = [
-                unpacked(types, dr.gather(types.UInt64, images[layer], index + k * low.n_ranges))
+                unpack_complex(types, dr.gather(types.UInt64, images[layer], index + k * low.n_ranges))
                 for k in range(TAPS)
             ]
             pairs = [(samples[k], samples[TAPS - 1 - k]) for k in range(TAPS // 2)]

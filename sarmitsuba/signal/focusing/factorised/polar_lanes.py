@@ -18,11 +18,11 @@ from sarmitsuba.signal.focusing.backprojection_kernel import (
     Weighting,
     cis,
     dot,
-    scaled,
+    scale_complex,
     times,
 )
 from sarmitsuba.signal.focusing.factorised.division import Section, SubimageLevel
-from sarmitsuba.signal.raw.gridding import GriddingKernel
+from sarmitsuba.signal.gridding import GriddingKernel
 
 if TYPE_CHECKING:
     Complex = tuple[dr.ArrayBase, dr.ArrayBase]
@@ -185,7 +185,7 @@ class GroupPulses:
                 w, g = one_weight(types, weighting, tuple(u), near, axes)
                 gain = gain * w * g
             gain = dr.select(held, gain, 0.0)
-            factor = scaled(gain, cis(types, further * self.turns_per_metre))
+            factor = scale_complex(gain, cis(types, further * self.turns_per_metre))
             taps = kernel.taps(Float(position - whole), dr)
             yield factor, taps, UInt32(row + dr.select(held, sample, 0))
 

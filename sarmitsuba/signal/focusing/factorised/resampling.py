@@ -7,11 +7,11 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from sarmitsuba.machine.backend import dr
-from sarmitsuba.signal.focusing.backprojection_kernel import cis, scaled, times
-from sarmitsuba.signal.focusing.factorised.kernels import packed, unpacked
+from sarmitsuba.signal.focusing.backprojection_kernel import cis, scale_complex, times
+from sarmitsuba.signal.focusing.factorised.kernels import pack_complex, unpack_complex
 from sarmitsuba.signal.focusing.factorised.polar_lanes import PolarAxes
 from sarmitsuba.signal.focusing.factorised.sampling import TAPS, row_polynomials
-from sarmitsuba.signal.raw.gridding import GriddingKernel
+from sarmitsuba.signal.gridding import GriddingKernel
 
 if TYPE_CHECKING:
     Complex = tuple[dr.ArrayBase, dr.ArrayBase]
@@ -41,7 +41,7 @@ class Pixels:
 def _row_places(
     types: ModuleType, polar: PolarAxes, pixels: Pixels, n_lanes: int, kernel: GriddingKernel
 ) -> tuple[dr.ArrayBase, list[dr.ArrayBase]]:
-    """First sample of the subimage that each lane of :func:`along_rows` reads, and its taps, ``n_ranges`` apart."""
+    """First sample of the subimage that a lane of :func:`interpolate_rows` reads, and its taps, ``n_ranges`` apart."""
     Float, Float64, UInt32, Int32 = types.Float32, types.Float64, types.UInt32, types.Int32
     lane = dr.arange(UInt32, n_lanes)
     # an integer division is not vectorised
@@ -62,7 +62,7 @@ def _row_places(
     return UInt32(low) * polar.n_ranges + column, taps
 
 
-def along_rows(
+def interpolate_rows(
     types: ModuleType,
     polar: PolarAxes,
     pixels: Pixels,
@@ -85,10 +85,10 @@ def along_rows(
     for image in images:
         re, im, index = Float(0.0), Float(0.0), base
         for tap in taps:
-            v = unpacked(types, dr.gather(types.UInt64, image, index))
+            v = unpack_complex(types, dr.gather(types.UInt64, image, index))
             re, im = dr.fma(tap, v[0], re), dr.fma(tap, v[1], im)
             index = index + polar.n_ranges
-        out.append(packed(types, (re, im)))
+        out.append(pack_complex(types, (re, im)))
     dr.eval(out)
     return out
 
@@ -165,7 +165,7 @@ class PixelReads:
             line, along_angle = UInt32(low_angle), kernel.taps(angle - first_angle, dr)
         base = dr.select(inside, line * polar.n_ranges + UInt32(low_column), 0)
         along_range = _row_taps(fraction, on_rows) if on_rows else kernel.taps(fraction, dr)
-        phasor = scaled(dr.select(inside, Float(1.0), 0.0), cis(types, distance * turns_per_metre))
+        phasor = scale_complex(dr.select(inside, Float(1.0), 0.0), cis(types, distance * turns_per_metre))
         return cls(base, along_angle, along_range, phasor)
 
 
@@ -182,7 +182,7 @@ def resample(
 ) -> list[dr.ArrayBase]:
     r"""Add a section's subimage, whose interpolation is corrected beforehand, to pixels: :math:`I += b e^{j k R_0}`.
 
-    ``on_rows``: upsampling of the subimage where ``images`` are those of :func:`along_rows` and range alone is
+    ``on_rows``: upsampling of the subimage where ``images`` are those of :func:`interpolate_rows` and range alone is
     interpolated, by least squares over the band; else 0.
     """
     Float = types.Float32
@@ -195,7 +195,7 @@ def resample(
         for outer in reads.along_angle:
             a, b = Float(0.0), Float(0.0)
             for i, tap in enumerate(reads.along_range):
-                v = unpacked(types, dr.gather(types.UInt64, image, index + i))
+                v = unpack_complex(types, dr.gather(types.UInt64, image, index + i))
                 a, b = dr.fma(tap, v[0], a), dr.fma(tap, v[1], b)
             re, im = (a, b) if on_rows else (dr.fma(outer, a, re), dr.fma(outer, b, im))
             index = index + polar.n_ranges
@@ -223,7 +223,7 @@ def adjoint_resample(
         index = reads.base
         for outer in reads.along_angle:
             for i, tap in enumerate(reads.along_range):
-                add(types, target, scaled(outer * tap, turned), index + i)
+                add(types, target, scale_complex(outer * tap, turned), index + i)
             index = index + polar.n_ranges
     dr.eval(out)
 
@@ -237,12 +237,12 @@ def adjoint_along_rows(
     values: list[Complex],
     out: list[Complex],
 ) -> None:
-    """Adjoint of :func:`along_rows`: add samples on rows (float64 pairs of each layer) to the subimage."""
+    """Adjoint of :func:`interpolate_rows`: add samples on rows (float64 pairs of each layer) to the subimage."""
     base, taps = _row_places(types, polar, pixels, n_lanes, kernel)
     for value, target in zip(values, out, strict=True):
         index = base
         for tap in taps:
-            add(types, target, scaled(types.Float64(tap), value), index)
+            add(types, target, scale_complex(types.Float64(tap), value), index)
             index = index + polar.n_ranges
     dr.eval(out)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from sarmitsuba.core.arrays import F32, F64
 from sarmitsuba.core.units import db_from_power, power_from_db
-from sarmitsuba.signal.raw.gridding import gridding_kernel
+from sarmitsuba.signal.gridding import gridding_kernel
 
 TAPS = 8
 """Taps of the interpolation over angle that refines a subimage."""

@@ -124,10 +124,10 @@ def _flat(grid: ImageGrid, rows: F64, columns: F64) -> F64:
 def _rectangle(grid: ImageGrid, rows: slice, n: int) -> tuple[F64, F64]:
     """Coordinates along and across, m, of n x n points that span rows of the image."""
     along = np.linspace(grid.azimuth[rows.start], grid.azimuth[rows.stop - 1], n)
-    return _mesh(along, _across(grid, n))
+    return _mesh(along, _place_across(grid, n))
 
 
-def _across(grid: ImageGrid, n: int) -> F64:
+def _place_across(grid: ImageGrid, n: int) -> F64:
     """Places across, m, from the image's near to its far side."""
     distance = grid.across_distance()
     return np.linspace(distance[0], distance[-1], n)
@@ -244,7 +244,7 @@ def _levels(
         above = SubimageLevel(length, 0, ratio, below_start, step, chunks + TAPS)
         levels.append(above)
     levels[-1] = replace(above, n_angles=4 * -(-above.n_angles // 4))
-    return _padded(levels[::-1], top.n_pulses)
+    return _pad_levels(levels[::-1], top.n_pulses)
 
 
 def _bow(ratio: int, step: float, upsampling: float) -> float:
@@ -257,7 +257,7 @@ def _bow(ratio: int, step: float, upsampling: float) -> float:
     return float(2.0 * np.pi / (upsampling * step) * half**3 / (9.0 * np.sqrt(3.0)))
 
 
-def _padded(levels: list[SubimageLevel], n: int) -> tuple[SubimageLevel, ...]:
+def _pad_levels(levels: list[SubimageLevel], n: int) -> tuple[SubimageLevel, ...]:
     """Numbers of groups, padded so that each level's is a multiple of that above."""
     merged = [high.n_pulses // low.n_pulses for low, high in pairwise(levels[:-1])]
     groups = 1
@@ -275,7 +275,7 @@ def _rows_served(radar: Radar, grid: ImageGrid, first: int, n: int) -> slice | N
     forward, center, gap = flight(radar)
     pick = np.unique(np.linspace(first, first + n - 1, 9).astype(int))
     index = np.unique(np.linspace(0, grid.shape[0] - 1, min(grid.shape[0], 513)).astype(int))
-    a, c = _mesh(grid.azimuth[index], _across(grid, _ACROSS))
+    a, c = _mesh(grid.azimuth[index], _place_across(grid, _ACROSS))
     line = _flat(grid, a, c)[:, None] - radar.track.position[pick]
     distance = np.linalg.norm(line, axis=-1)
     sine = np.einsum("ptk,tk->pt", line, forward[pick]) / distance

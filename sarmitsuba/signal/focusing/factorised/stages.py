@@ -20,12 +20,12 @@ from sarmitsuba.signal.focusing.factorised.division import Plan, Section, Subima
 from sarmitsuba.signal.focusing.factorised.image_weights import axes_table, pulse_weights, weighting_of
 from sarmitsuba.signal.focusing.factorised.kernels import form, merge
 from sarmitsuba.signal.focusing.factorised.polar_lanes import ANGLES, GroupPulses, PolarAxes, quads
-from sarmitsuba.signal.focusing.factorised.resampling import Pixels, along_rows, resample
+from sarmitsuba.signal.focusing.factorised.resampling import Pixels, interpolate_rows, resample
 from sarmitsuba.signal.focusing.factorised.sampling import CORRECTION, SubimageSampling, correction
 from sarmitsuba.signal.focusing.profiles import MOST_BEYOND, ProfilePlan
 from sarmitsuba.signal.focusing.windows import Window
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 # bytes of profiles at a time
 BATCH_BYTES = 32 << 20
@@ -82,7 +82,7 @@ def run_plan(job: Job, plan: Plan, grid: ImageGrid, progress: Progress) -> C64:
     dr.make_opaque(states)
     work = float(image.size) * job.raw.radar.track.n_pulses
     for i, section in enumerate(plan.sections):
-        polar, words = _corrected(job, section, _subimage(job, section))
+        polar, words = _correct_kernel(job, section, _subimage(job, section))
         for rows, state in zip(tiles, states, strict=True):
             if rows.start < section.rows.stop and section.rows.start < rows.stop:
                 lanes = (rows.stop - rows.start) * grid.shape[1]
@@ -90,7 +90,7 @@ def run_plan(job: Job, plan: Plan, grid: ImageGrid, progress: Progress) -> C64:
                 pixels, images = tile_pixels(types, section, grid, rows), words
                 if section.on_rows:
                     samples = (rows.stop - rows.start) * section.n_ranges
-                    images = along_rows(types, polar, pixels, samples, kernel, words)
+                    images = interpolate_rows(types, polar, pixels, samples, kernel, words)
                 state[:] = resample(
                     types,
                     polar,
@@ -242,7 +242,7 @@ def group_pulses(
     )
 
 
-def _corrected(
+def _correct_kernel(
     job: Job, section: Section, images: list[dr.ArrayBase]
 ) -> tuple[PolarAxes, list[dr.ArrayBase]]:
     """The section's subimage with the gridding kernel's transform divided out, in angle and where needed in range."""

@@ -43,7 +43,7 @@ from sarmitsuba.signal.focusing.profiles import (
 )
 from sarmitsuba.signal.focusing.windows import Window, parse_window
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 # relative time of a pixel and pulse: single; on a line; and per node of the line; unit: a line of 32 pixels and 10
 # nodes

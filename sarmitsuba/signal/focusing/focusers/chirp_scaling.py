@@ -22,8 +22,8 @@ from sarmitsuba.signal.focusing.frequency_domain.row_costs import RowsFocuser
 from sarmitsuba.signal.focusing.frequency_domain.rows import RangeLaw, RowsImaging, WavenumberBand
 from sarmitsuba.signal.focusing.frequency_domain.stated import stated_error_db
 from sarmitsuba.signal.focusing.frequency_domain.track_geometry import slant_grid
+from sarmitsuba.signal.gridding import unit_phasor
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.gridding import unit_phasor
 
 # largest chirp scaling factor; rows that need more contain no echo of an image within the bound
 _LARGEST = 0.5

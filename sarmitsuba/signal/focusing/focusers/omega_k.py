@@ -30,9 +30,9 @@ from sarmitsuba.signal.focusing.frequency_domain.rows import RangeLaw, RowsImagi
 from sarmitsuba.signal.focusing.frequency_domain.stated import stated_error_db
 from sarmitsuba.signal.focusing.frequency_domain.track_geometry import track_refusal
 from sarmitsuba.signal.focusing.windows import Window, parse_window
+from sarmitsuba.signal.gridding import unit_phasor
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.gridding import unit_phasor
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 
 
 class _Stolt(RangeLaw):

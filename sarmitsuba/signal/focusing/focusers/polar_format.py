@@ -22,8 +22,8 @@ from sarmitsuba.signal.focusing.aperture_weights import (
 from sarmitsuba.signal.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask
 from sarmitsuba.signal.focusing.profiles import plan_spectrum
 from sarmitsuba.signal.focusing.windows import Window
+from sarmitsuba.signal.gridding import gridding_kernel
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.gridding import gridding_kernel
 
 # taps of both kernels, polar samples onto the wavenumber grid and image onto the pixels; rms error of each, dB, is
 # gridding_kernel(6).error_db

@@ -21,8 +21,8 @@ from sarmitsuba.signal.focusing.frequency_domain.migration import (
 from sarmitsuba.signal.focusing.frequency_domain.row_costs import RowsFocuser
 from sarmitsuba.signal.focusing.frequency_domain.rows import RangeLaw, RowsImaging, WavenumberBand
 from sarmitsuba.signal.focusing.frequency_domain.stated import stated_error_db
+from sarmitsuba.signal.gridding import unit_phasor
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.gridding import unit_phasor
 
 _COMPRESSION: dict[str, Treatment] = {
     "doppler": Treatment(),

@@ -15,8 +15,8 @@ from sarmitsuba.signal.focusing.frequency_domain.track_geometry import (
 )
 from sarmitsuba.signal.focusing.frequency_domain.weights import filter_gain
 from sarmitsuba.signal.focusing.windows import Window
+from sarmitsuba.signal.gridding import unit_phasor
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.gridding import unit_phasor
 
 # nodes of the weight over the aperture's sines, linear between them
 _NODES = 4097

@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 
 from sarmitsuba.core.arrays import C64, F32, F64
-from sarmitsuba.signal.raw.gridding import gridding_kernel, unit_phasor
+from sarmitsuba.signal.gridding import gridding_kernel, unit_phasor
 
 # taps of the kernel; at twofold oversampling its rms error is -103 dB (`gridding_kernel(6).error_db`)
 WIDTH = 6

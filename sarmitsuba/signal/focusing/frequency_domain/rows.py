@@ -43,8 +43,8 @@ from sarmitsuba.signal.focusing.frequency_domain.weights import normalisation, p
 from sarmitsuba.signal.focusing.grid import RangeInterpolation, slant_ranges
 from sarmitsuba.signal.focusing.profiles import plan_spectrum
 from sarmitsuba.signal.focusing.windows import Window
+from sarmitsuba.signal.gridding import phase_ramp, unit_phasor
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.gridding import phase_ramp, unit_phasor
 
 # Doppler band of the image over the PRF above which a warning about azimuth aliasing is given
 _FOLDED = 1.05
@@ -116,7 +116,7 @@ def _no_room(sines: F64, extent: float) -> float:
     return 0.0
 
 
-def _in_threads(work: Callable[[int, int], None], count: int, block: int) -> None:
+def _run_in_threads(work: Callable[[int, int], None], count: int, block: int) -> None:
     """Call ``work(start, stop)`` for all of ``count`` in blocks, on all cores."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         # reading the results raises exceptions of the threads
@@ -203,7 +203,7 @@ class _RowsMap(LinearMap):
             line *= values[self.m[start:stop] % self.n_x]
             out[start:stop] = self.law.lines(line, kx, ky)
 
-        _in_threads(work, self.m.size, max(1, _BATCH // self.band.count))
+        _run_in_threads(work, self.m.size, max(1, _BATCH // self.band.count))
         return out
 
     def adjoint(self, values: C64) -> C64:
@@ -214,7 +214,7 @@ class _RowsMap(LinearMap):
             reference, kx, ky = self._reference(slice(start, stop))
             lines[start:stop] = self.law.adjoint_lines(values[start:stop], kx, ky) * reference.conj()
 
-        _in_threads(work, self.m.size, max(1, _BATCH // self.band.count))
+        _run_in_threads(work, self.m.size, max(1, _BATCH // self.band.count))
         out = np.zeros((self.n_x, self.band.count), dtype=np.complex64)
         for start in range(0, self.m.size, self.n_x):
             some = slice(start, start + self.n_x)
@@ -362,7 +362,7 @@ class RowsImaging(LinearMap):
             line *= self.weights[part, None].astype(np.float32)
             out[part] = line
 
-        _in_threads(work, data.shape[0], max(1, _BATCH // self.n_fft))
+        _run_in_threads(work, data.shape[0], max(1, _BATCH // self.n_fft))
         return out
 
     def _adjoint_spectrum(self, spectrum: C64, out: C64) -> None:
@@ -381,7 +381,7 @@ class RowsImaging(LinearMap):
                 line = scipy.fft.fft(line, n=plan.n_fft, axis=1, overwrite_x=True, norm="forward")
             out[part] = plan.adjoint_spectrum(line)
 
-        _in_threads(work, spectrum.shape[0], max(1, _BATCH // self.n_fft))
+        _run_in_threads(work, spectrum.shape[0], max(1, _BATCH // self.n_fft))
 
     def _ramp(self, part: slice) -> C64:
         """Phase of the image's centre (n, columns) on the denser track, at columns of the spectrum."""
@@ -407,7 +407,7 @@ class RowsImaging(LinearMap):
             wide[rows - n // 2 :] = line[n - n // 2 :]
             out[:, start:stop] = scipy.fft.ifft(wide, axis=0) * ramp.conj()
 
-        _in_threads(work, spectrum.shape[1], max(1, _BATCH // rows))
+        _run_in_threads(work, spectrum.shape[1], max(1, _BATCH // rows))
         return out
 
     def _adjoint_densify(self, spectrum: C64) -> C64:
@@ -423,7 +423,7 @@ class RowsImaging(LinearMap):
             line = scipy.fft.ifft(line, axis=0, norm="forward") * ramp[::factor].conj()
             out[:, start:stop] = line[held]
 
-        _in_threads(work, spectrum.shape[1], max(1, _BATCH // rows))
+        _run_in_threads(work, spectrum.shape[1], max(1, _BATCH // rows))
         return out
 
     @property
@@ -435,22 +435,22 @@ class RowsImaging(LinearMap):
 
     def _to_azimuth(self, columns: C64, out: C64) -> None:
         r"""Write :math:`\sum_m c_m e^{j 2 \pi m x / P}` at the azimuth pixels (chirp-z transform) into ``out``."""
-        _along_columns(self._points, columns, out)
+        _write_columns(self._points, columns, out)
 
     def _from_azimuth(self, pixels: C64) -> C64:
         """Adjoint of :meth:`_to_azimuth`."""
         columns = np.empty((self.rows.m.size, pixels.shape[1]), dtype=np.complex64)
-        _along_columns(self._points.adjoint, pixels, columns)
+        _write_columns(self._points.adjoint, pixels, columns)
         return columns
 
 
-def _along_columns(sums: ChirpZ, columns: C64, out: C64) -> None:
+def _write_columns(sums: ChirpZ, columns: C64, out: C64) -> None:
     """Write the sums of every column into ``out``."""
 
     def work(start: int, stop: int) -> None:
         out[:, start:stop] = sums(np.ascontiguousarray(columns[:, start:stop].T)).T
 
-    _in_threads(work, columns.shape[1], max(1, _BATCH // sums.n_fft))
+    _run_in_threads(work, columns.shape[1], max(1, _BATCH // sums.n_fft))
 
 
 def _denser(geometry: TrackGeometry, factor: int, guard: int) -> TrackGeometry:

@@ -57,7 +57,7 @@ def _nodes(n: int, most: int) -> I64:
     return np.unique(np.linspace(0, n - 1, most).astype(np.int64))
 
 
-def _between(coarse: F64, rows: I64, columns: I64, shape: tuple[int, int]) -> F64:
+def _interpolate_coarse(coarse: F64, rows: I64, columns: I64, shape: tuple[int, int]) -> F64:
     """Values at rows and columns, linear between them."""
     lines = np.array([np.interp(np.arange(shape[1]), columns, line) for line in coarse])
     return np.array([np.interp(np.arange(shape[0]), rows, line) for line in lines.T]).T
@@ -81,7 +81,7 @@ def _own_sums(radar: Radar, grid: ImageGrid, geometry: TrackGeometry, window: Wi
     if not known.any():
         return np.zeros(grid.shape)
     whole = np.divide(coarse, held, out=np.full(held.shape, coarse[known].max()), where=known)
-    total = _between(whole, rows, columns, grid.shape)
+    total = _interpolate_coarse(whole, rows, columns, grid.shape)
     return total if held.min() >= 1.0 - 1e-9 else total * _held_part(radar, grid, geometry, window)
 
 

@@ -25,12 +25,12 @@ from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import default_grid, focus
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.raw_data import Layer, RawData
-from sarmitsuba.simulation.execution.batches import Batch, BatchTracer
+from sarmitsuba.signal.raw_data import Layer, RawData
 from sarmitsuba.simulation.execution.blocks import partition
 from sarmitsuba.simulation.execution.points import add_points
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer
 
 # least and largest number of blocks that are traced both ways, and most pulses of one where every pulse is traced
 PLACES, MOST_PLACES, LONGEST = 5, 48, 256
@@ -102,7 +102,7 @@ class _BlockPulses:
             start, stop = self.blocks[place]
             before = self.clock() if self.clock else 0.0
             for subset, share in enumerate(self.subsets):
-                found = _traced(self.batches, subset, start, stop, n, self.together)
+                found = _trace_block(self.batches, subset, start, stop, n, self.together)
                 parts = found.reshape(-1, len(channels), *found.shape[1:]).sum(axis=0)
                 out[:, start:stop] += np.float32(share) * parts[:, : stop - start]
             taken.append(self.clock() - before if self.clock else 0.0)
@@ -153,7 +153,7 @@ class _BlockPulses:
         start = clock()
         for first, stop in timed:
             for subset in range(len(subsets)):
-                _traced(batches, subset, first, stop, n, self.together)
+                _trace_block(batches, subset, first, stop, n, self.together)
         traced = clock() - start
         if self.together:
             return setup + traced * len(self.blocks) / len(timed)
@@ -168,7 +168,7 @@ def _batches(run: Run) -> tuple[BatchTracer, tuple[float, ...]]:
     return BatchTracer(tracer, rays, run.layers.per_subset, run.layers.max_order), subsets
 
 
-def _traced(batches: BatchTracer, subset: int, start: int, stop: int, n: int, together: bool) -> C64:
+def _trace_block(batches: BatchTracer, subset: int, start: int, stop: int, n: int, together: bool) -> C64:
     """Profiles (layers of the subset, pulses, samples) of a block, including the first pulse of the next block."""
     return batches.trace(Batch(subset, start, stop + int(together and stop < n), together)).profiles
 
@@ -234,7 +234,7 @@ def measured_both_ways(
         spread = (
             None if whole else _spread_of(found.echoes - data, data, [blocks[i] for i in places], len(blocks))
         )
-        error_db, measured = _stated(found.ratio, spread)
+        error_db, measured = _state_change(found.ratio, spread)
         cost = np.nan
         if clock is not None:
             here, there = _least(base, way, clock)
@@ -262,7 +262,7 @@ def _other_way(
     """Run with an effect switched, traced at the blocks of ``base``; None where no echo would remain."""
     run = base.run
     try:
-        scene = switched(base.loaded, decision)
+        scene = switch_effect(base.loaded, decision)
         other = run.otherwise(scene)
         if other.sampling is None or other.layers.channels != run.layers.channels:
             return None
@@ -358,7 +358,7 @@ def _worth_trying(effect: Effect, plan: EffectsPlan) -> bool:
     return bool(effect.documentation) or effect.name == "max_depth"
 
 
-def switched(loaded: Scene, decision: Decision) -> Scene:
+def switch_effect(loaded: Scene, decision: Decision) -> Scene:
     """Scene with an effect switched; max_depth: without the last bounce (with an echo), or with the second."""
     settings = loaded.settings
     if decision.name == "max_depth":
@@ -406,7 +406,7 @@ def ratio_margin(above: F64, below: F64, n: int) -> float:
     return float(stdtrit(k - 1, CONFIDENCE) * error)
 
 
-def _stated(ratio: float, margin: float | None) -> tuple[float, bool]:
+def _state_change(ratio: float, margin: float | None) -> tuple[float, bool]:
     """Stated value of a change, dB, and whether it is measured or an upper bound."""
     if ratio == 0.0:
         return -np.inf, margin is None

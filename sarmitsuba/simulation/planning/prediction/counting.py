@@ -10,8 +10,10 @@ from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.machine.exclusive import threads
 from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.signal.block import plan_block
+from sarmitsuba.signal.direct import plan_direct
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.focusing.focuser import (
     DEFAULT,
@@ -24,8 +26,6 @@ from sarmitsuba.signal.focusing.focuser import (
 from sarmitsuba.signal.focusing.focusers.backprojection import Backprojection
 from sarmitsuba.signal.focusing.look import look_size
 from sarmitsuba.signal.image import ImageGrid
-from sarmitsuba.signal.raw.block import plan_block
-from sarmitsuba.signal.raw.direct import plan_direct
 from sarmitsuba.simulation.execution.layers import LayerPlan
 from sarmitsuba.simulation.execution.tracing import MAX_GRID_BYTES, MAX_LANES
 from sarmitsuba.simulation.planning.prediction.needs import Needs
@@ -102,9 +102,11 @@ def needs_of(
         tracing = _TracingCost.of(sampling, layers, trace_scene, sub_bands, pairs)
     method = scene.settings.method
     if method not in ("image", "raster") and grid is None and scene.radar.track.n_pulses < 2:
-        return _of_raw(scene, tracing, layers, None)
+        return _count_raw(scene, tracing, layers, None)
     grid = grid or default_grid(scene.radar, scene.image)
-    return {"raster": _of_raster, "image": _of_image}.get(method, _of_raw)(scene, tracing, layers, grid)
+    return {"raster": _count_raster, "image": _count_image}.get(method, _count_raw)(
+        scene, tracing, layers, grid
+    )
 
 
 @dataclass(frozen=True)
@@ -189,12 +191,12 @@ class _TracingCost:
             trace += keys * self.laying * any(self.finer)
         laying = SETUP + self.laying + sum(source.making for source in self.sources)
         if self.sub_bands > 1:  # scattering tables of rough surfaces at each frequency
-            rough = sum(material.scatters for material in with_parts(self.sampling.scene.materials))
+            rough = sum(material.scatters for material in list_with_parts(self.sampling.scene.materials))
             laying += self.sub_bands * rough * TABLES
         return {"launch grid": laying, "trace": trace}
 
 
-def _of_raster(scene: Scene, tracing: _TracingCost | None, layers: LayerPlan, grid: ImageGrid) -> Needs:
+def _count_raster(scene: Scene, tracing: _TracingCost | None, layers: LayerPlan, grid: ImageGrid) -> Needs:
     pixels, n_channels = int(np.prod(grid.shape)), len(layers.channels)
     screen = 0
     if tracing is not None:
@@ -216,7 +218,7 @@ def _of_raster(scene: Scene, tracing: _TracingCost | None, layers: LayerPlan, gr
     )
 
 
-def _of_image(scene: Scene, tracing: _TracingCost | None, layers: LayerPlan, grid: ImageGrid) -> Needs:
+def _count_image(scene: Scene, tracing: _TracingCost | None, layers: LayerPlan, grid: ImageGrid) -> Needs:
     n_layers = len(layers.layers)
     rays: tuple[int, ...] = (0,)
     rows, columns, looks = look_size(scene.radar, grid)
@@ -257,7 +259,9 @@ def _of_image(scene: Scene, tracing: _TracingCost | None, layers: LayerPlan, gri
     )
 
 
-def _of_raw(scene: Scene, tracing: _TracingCost | None, layers: LayerPlan, grid: ImageGrid | None) -> Needs:
+def _count_raw(
+    scene: Scene, tracing: _TracingCost | None, layers: LayerPlan, grid: ImageGrid | None
+) -> Needs:
     radar, n_layers = scene.radar, len(layers.layers)
     n_pulses = radar.track.n_pulses
     samples = n_layers * n_pulses * radar.window.n_samples

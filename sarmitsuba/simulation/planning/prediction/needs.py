@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sarmitsuba.core.errors import ResourceError
-from sarmitsuba.machine.memory import check_fits, held_memory, in_bytes
+from sarmitsuba.machine.memory import check_fits, format_bytes, held_memory
 from sarmitsuba.simulation.planning.prediction.speed import Machine
 
 # stages that report no progress of tracing
@@ -203,10 +203,10 @@ class Needs:
         rows, columns = self.image_shape
         rays = f"{self.rays / 1e6:.3g} million rays"
         if self.raw_bytes:
-            rays += f" at {self.key_pulses} key pulses, {in_bytes(self.raw_bytes)} of raw data"
+            rays += f" at {self.key_pulses} key pulses, {format_bytes(self.raw_bytes)} of raw data"
         threads = Machine.here().threads
         return (
-            f"expected: {rays}, {rows} x {columns} pixels, {in_bytes(self.memory)} of memory, about "
+            f"expected: {rays}, {rows} x {columns} pixels, {format_bytes(self.memory)} of memory, about "
             f"{duration(self.spent[0] + sum(self.elapsed.values()))} on {threads} core{'s' if threads > 1 else ''} "
             f"({duration(self.spent[1] + sum(self.processor.values()))} of processor time{self._before}); law"
         )

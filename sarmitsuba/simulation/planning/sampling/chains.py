@@ -61,7 +61,7 @@ FEW, MAX_LANES = 300_000, 4_000_000
 DEPTH, STEP, MOST_STEPS = 4, 2, 12
 
 
-def with_divided_cells(
+def divide_cells(
     grid: LaunchGrid,
     scene: TraceScene,
     frame: LaunchFrame,
@@ -146,15 +146,15 @@ class _Division:
 
     def lattice(self) -> LaunchGrid:
         """Lattice of all cells, those of one size and kind together and in Morton order."""
-        return _joined(self.grid, self.done)
+        return _join_cells(self.grid, self.done)
 
 
-def halved(grid: LaunchGrid) -> LaunchGrid:
+def halve_spacing(grid: LaunchGrid) -> LaunchGrid:
     """Lattice with four rays in the cell of each: the same in all else, at half the spacing."""
     done: dict[Serves, list[_Cells]] = {"all": [], "first": [], "later": []}
     for cells in _roots(grid):
         done[grid.every_level[cells.level].serves].append(cells.parts(1, grid.turn))
-    return replace(_joined(grid, done), spacing=0.5 * grid.spacing)
+    return replace(_join_cells(grid, done), spacing=0.5 * grid.spacing)
 
 
 def every_nth(grid: LaunchGrid, n: int, first: int, run: int = 1) -> LaunchGrid:
@@ -262,7 +262,7 @@ def _roots(grid: LaunchGrid) -> list[_Cells]:
     return found
 
 
-def _joined(grid: LaunchGrid, done: Mapping[Serves, Sequence[_Cells]]) -> LaunchGrid:
+def _join_cells(grid: LaunchGrid, done: Mapping[Serves, Sequence[_Cells]]) -> LaunchGrid:
     """Lattice of cells by the bounces that they serve, those of one size and kind together and in Morton order."""
     radius = float(np.hypot(grid.half_x + grid.taper, grid.half_y + grid.taper)) + grid.spacing
     xy, levels, first = [], [], 0

@@ -9,7 +9,7 @@ from sarmitsuba.core.errors import RadarError
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.planning.sampling.density_plan import azimuth_cell
-from sarmitsuba.simulation.planning.sampling.launch_window import across_sector, sectors
+from sarmitsuba.simulation.planning.sampling.launch_window import point_across, sectors
 from sarmitsuba.simulation.planning.sampling.movers import TIMES, azimuth_shift
 
 # amplitude below which a scatterer is left out
@@ -28,7 +28,7 @@ def shares(scene: Scene, points: F64) -> F64:
     -----
     Rays have a separate taper, in the launch plane (:class:`LaunchWindow`).
     """
-    return _faded(scene, _beside(scene, points[None]))
+    return _fade_scatterers(scene, _measure_distance(scene, points[None]))
 
 
 def lit_points(scene: Scene) -> tuple[tuple[PointTarget, ...], str]:
@@ -43,8 +43,8 @@ def lit_points(scene: Scene) -> tuple[tuple[PointTarget, ...], str]:
     """
     if not scene.points:
         return (), ""
-    beside = np.concatenate([_beside(scene, _places(scene, point)) for point in scene.points])
-    share = _faded(scene, beside)
+    beside = np.concatenate([_measure_distance(scene, _places(scene, point)) for point in scene.points])
+    share = _fade_scatterers(scene, beside)
     kept = tuple(
         point if a == 1.0 else replace(point, rcs=point.rcs * float(a) ** 2)
         for point, a in zip(scene.points, share, strict=True)
@@ -81,7 +81,7 @@ def _places(scene: Scene, point: PointTarget) -> F64:
     return np.concatenate([position, *shown])[:, None]
 
 
-def _beside(scene: Scene, places: F64) -> F64:
+def _measure_distance(scene: Scene, places: F64) -> F64:
     """Distance (n,), m, of the boxes about the positions (k, n, 3) of n scatterers from the image; 0 within it.
 
     A box also holds the layover positions, at the same slant range in the image plane.
@@ -94,7 +94,7 @@ def _beside(scene: Scene, places: F64) -> F64:
     for pulses in sectors(scene):
         sector = track.of_pulses(slice(*pulses))
         antenna = sector.center_position
-        away = across_sector(sector, middle - antenna)
+        away = point_across(sector, middle - antenna)
         reach = (places - antenna) @ away
         drop = antenna[2] - image.height
         slant2 = reach**2 + (places[..., 2] - antenna[2]) ** 2
@@ -106,7 +106,7 @@ def _beside(scene: Scene, places: F64) -> F64:
     return found
 
 
-def _faded(scene: Scene, beside: F64) -> F64:
+def _fade_scatterers(scene: Scene, beside: F64) -> F64:
     cell = max(azimuth_cell(scene), scene.radar.waveform.range_cell)
     t = np.minimum(beside / scene.image.fade_out(cell), 1.0)
     return np.asarray(0.5 + 0.5 * np.cos(np.pi * t))

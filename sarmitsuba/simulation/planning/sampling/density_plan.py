@@ -9,11 +9,11 @@ from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.constants import SUBSET_SHARES
 from sarmitsuba.effects.context import SamplingFacts
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.mesh.sharp_edges import SharpEdges
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.raw.block import choose_block_length
-from sarmitsuba.signal.raw.direct import box_slant_range
+from sarmitsuba.signal.block import choose_block_length
+from sarmitsuba.signal.direct import box_slant_range
 from sarmitsuba.simulation.planning.sampling import movers, water
 from sarmitsuba.simulation.planning.sampling.double_bounce import steep_faces
 from sarmitsuba.simulation.planning.sampling.launch_window import (
@@ -111,7 +111,7 @@ class SamplingPlan:
             When no geometry lies within the image's footprint.
         """
         if flags is None:
-            rough = any(m.scatters for m in with_parts(scene.materials))
+            rough = any(m.scatters for m in list_with_parts(scene.materials))
             flags = KernelFlags(channels=scene.radar.channels, diffuse=rough)
         windows = launch_windows(scene)
         window = _window_at(windows, scene.radar.track.center_index)

@@ -65,13 +65,13 @@ def check_folding(scene: Scene, windows: tuple[LaunchWindow, ...] = ()) -> list[
         return []
     reach = float(np.linalg.norm(_middle(scene) - track.center_position))
     apart = wavelength * reach * track.prf / (2.0 * speed)
-    notes = [*_of_points(scene, speed), *_of_windows(scene, windows, apart, beam)]
+    notes = [*_warn_of_points(scene, speed), *_warn_of_windows(scene, windows, apart, beam)]
     for note in notes:
         warnings.warn(note, SarmitsubaWarning, stacklevel=4)
     return notes
 
 
-def _of_points(scene: Scene, speed: float) -> list[str]:
+def _warn_of_points(scene: Scene, speed: float) -> list[str]:
     """Warnings about the brightest ghost of each bright point in the image."""
     radar, found = scene.radar, []
     bright = sorted(scene.points, key=lambda point: -point.rcs)[:_MOST_POINTS]
@@ -122,7 +122,7 @@ def _ghost(
     place = antenna + float(distance[pulse]) * at * track.along + np.sqrt(across2) * radar.across
     place[2] = image.height
     lobe = np.array([_MAIN_LOBE * azimuth_cell(scene), 0.0])
-    if (_beside(scene, place) > lobe).any():
+    if (_measure_distance(scene, place) > lobe).any():
         return []
     return [_Ghost(point.rcs * _level(scene, point, distance, place), float(distance[pulse] * step))]
 
@@ -153,7 +153,7 @@ def _level(scene: Scene, point: PointTarget, distance: F64, place: F64) -> float
     places = (
         place + azimuth * along.reshape(-1, 1) * track.along + ground * across.reshape(-1, 1) * radar.across
     )
-    places = places[(_beside(scene, places) <= 0.0).all(axis=1)]
+    places = places[(_measure_distance(scene, places) <= 0.0).all(axis=1)]
     best, batch = 0.0, max(1, _MOST_TERMS // track.n_pulses)
     for start in range(0, len(places), batch):
         r = np.linalg.norm(places[start : start + batch, None] - track.position[mask], axis=2)
@@ -163,7 +163,7 @@ def _level(scene: Scene, point: PointTarget, distance: F64, place: F64) -> float
     return best / own**2
 
 
-def _of_windows(scene: Scene, windows: tuple[LaunchWindow, ...], apart: float, beam: float) -> list[str]:
+def _warn_of_windows(scene: Scene, windows: tuple[LaunchWindow, ...], apart: float, beam: float) -> list[str]:
     """Warnings about surfaces lit outside the image because of moving shapes, which fold into it."""
     track, image = scene.radar.track, scene.image
     half = 0.5 * image.extent_azimuth
@@ -185,7 +185,7 @@ def _of_windows(scene: Scene, windows: tuple[LaunchWindow, ...], apart: float, b
     ]
 
 
-def _beside(scene: Scene, places: F64) -> F64:
+def _measure_distance(scene: Scene, places: F64) -> F64:
     """Distances (..., 2), m, of points (..., 3) of the image plane beyond the image's edges along and across track."""
     axes = np.stack([scene.radar.track.along, scene.radar.across], axis=1)
     half = 0.5 * np.array([scene.image.extent_azimuth, scene.image.extent_range])

@@ -1,4 +1,7 @@
-"""Launch window: the part of the scene that is lit by rays, for each sector of the track."""
+"""Launch window: the part of the scene that is lit by rays, for each sector of the track.
+
+Wires in the lit part of a scene, clipped to a box.
+"""
 
 from dataclasses import dataclass
 
@@ -9,7 +12,6 @@ from sarmitsuba.core.errors import RadarError
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.planning.sampling.beside_mesh import clipped
 from sarmitsuba.simulation.planning.sampling.double_bounce import (
     GRAZING,
     MOST_RAYS,
@@ -18,8 +20,25 @@ from sarmitsuba.simulation.planning.sampling.double_bounce import (
     unlit_ground,
     visible_faces,
 )
-from sarmitsuba.simulation.planning.sampling.movers import lit, swept
+from sarmitsuba.simulation.planning.sampling.movers import find_lit_boxes, swept
 from sarmitsuba.tracing.kernel.launch import LaunchFrame, frame_towards, window_of
+
+
+def clip_segments(segments: F64, low: F64, high: F64) -> F64:
+    """End points (m, 3) of segments (n, 2, 3) clipped to a box, by Liang and Barsky's method."""
+    start, step = segments[:, 0], segments[:, 1] - segments[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        a, b = (low - start) / step, (high - start) / step
+    still = step == 0.0
+    inside = (start >= low) & (start <= high)
+    a = np.where(still, np.where(inside, -np.inf, np.inf), a)
+    b = np.where(still, np.where(inside, np.inf, -np.inf), b)
+    first = np.maximum(np.minimum(a, b).max(axis=1), 0.0)
+    last = np.minimum(np.maximum(a, b).min(axis=1), 1.0)
+    kept = first <= last
+    ends = [start[kept] + t[kept, None] * step[kept] for t in (first, last)]
+    return np.concatenate(ends)
+
 
 # rad, rotation of the line of sight to the scene's middle over the pulses of one launch plane. Seen 10 degrees off the
 # plane's normal, tubes are wider by 1.5 per cent; an edge-on plane would light nothing
@@ -137,12 +156,12 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
 
     # image footprint and geometry in track-aligned axes (along, across, up), relative to the image's centre
     axes = np.stack([along, across, np.array([0.0, 0.0, 1.0])])
-    away = axes @ across_sector(sector, look)
+    away = axes @ point_across(sector, look)
     found = np.zeros((0, 3))
     if len(scene.segments):
         wires = (scene.segments.reshape(-1, 3) - middle) @ axes.T
         footprint = SectorFootprint.of(image, away, incidence, wires)
-        found = clipped(wires.reshape(-1, 2, 3), footprint.low, footprint.high)
+        found = clip_segments(wires.reshape(-1, 2, 3), footprint.low, footprint.high)
     bounds, cut = _lit_mesh(scene, pulses, axes, away, incidence)
     if bounds is None:
         if not found.size:
@@ -218,7 +237,7 @@ def _lit_mesh(
     i_low, i_high = footprint.low, footprint.high
     g_low, g_high = local.min(axis=0), local.max(axis=0)
     b_low, b_high = np.maximum(i_low, g_low), np.minimum(i_high, g_high)
-    shown = lit(scene, pulses, i_low, i_high, middle, axes)
+    shown = find_lit_boxes(scene, pulses, i_low, i_high, middle, axes)
     if shown.size:  # moving out of the image, or into it
         whole = np.concatenate([shown, np.stack([b_low, b_high])] if (b_low <= b_high).all() else [shown])
         b_low, b_high = whole.min(axis=0), whole.max(axis=0)
@@ -280,7 +299,7 @@ def bounding_antennas(track: Track, pulses: tuple[int, int]) -> F64:
     return np.asarray(track.position[[first, (first + end) // 2, end - 1]])
 
 
-def across_sector(sector: Track, look: F64) -> F64:
+def point_across(sector: Track, look: F64) -> F64:
     """Horizontal unit vector across the flight of a sector, to the side that ``look`` points to."""
     along = sector.along
     right = np.array([along[1], -along[0], 0.0])

@@ -8,7 +8,7 @@ from sarmitsuba.core.arrays import F64, box_corners, unit_rows
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.raw.block import BlockPlan, plan_block
+from sarmitsuba.signal.block import BlockPlan, plan_block
 
 # times of a sector at which positions of moving shapes are evaluated
 TIMES = 9
@@ -32,7 +32,7 @@ def swept(scene: Scene, pulses: tuple[int, int]) -> list[F64]:
     return out
 
 
-def lit(scene: Scene, pulses: tuple[int, int], low: F64, high: F64, middle: F64, axes: F64) -> F64:
+def find_lit_boxes(scene: Scene, pulses: tuple[int, int], low: F64, high: F64, middle: F64, axes: F64) -> F64:
     """Boxes to be lit for moving meshes that appear in a given box of the image.
 
     A mesh appears at its position or displaced by its range rate, :math:`-R v_r / v` along the track, so that a train
@@ -96,7 +96,7 @@ def block_length(scene: Scene, reference: F64, box: F64, length: int, extra_slan
     Parameters
     ----------
     scene : with its radar
-    reference, box, extra_slant_range : as for :func:`sarmitsuba.signal.raw.block.plan_block`
+    reference, box, extra_slant_range : as for :func:`sarmitsuba.signal.block.plan_block`
     length : upper bound from other criteria
     """
     radar, n = scene.radar, scene.radar.track.n_pulses

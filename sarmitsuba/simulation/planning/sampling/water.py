@@ -5,7 +5,7 @@ import numpy as np
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.scene.materials.diffuse import water_in
 from sarmitsuba.scene.materials.diffuse_law import WindWaves
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.materials.sea_spectrum import angular_frequency
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.planning.sampling.movers import BEAM_CHANGE, MOTION_PHASE, SHORTEST, beam_change
@@ -21,7 +21,7 @@ _UNEVEN = float(np.sqrt(4.0 / 45.0))
 def waters(scene: Scene) -> tuple[WindWaves, ...]:
     """Wind-wave models of the visible water surfaces of the scene."""
     used = [scene.materials[i] for i in np.unique(scene.geometry.face_material)]
-    visible = with_parts([m for m in used if not m.invisible])
+    visible = list_with_parts([m for m in used if not m.invisible])
     return water_in(visible, scene.radar.waveform.wavelength, scene.settings.seed)
 
 

@@ -64,7 +64,7 @@ class TubeIntegral(Stage):
     def at_vanishing(self, kernel: Kernel, hit: Hit, tube: TubeFootprint) -> mi.Bool:
         """Inner tubes of a flat facet, whose sides are all common with others and left out."""
         q = (hit.to_antenna - hit.direction) * kernel.constants.wavenumber
-        return tube.bounds.cancelled(q, tube.u, tube.v, kernel.constants.kept_up_to)
+        return tube.bounds.cancels(q, tube.u, tube.v, kernel.constants.kept_up_to)
 
 
 STAGES.register(TubeIntegral())

@@ -100,7 +100,7 @@ def facet_lines(
 ) -> list[HalfPlane]:
     """Boundary edges of the facet in units of the tube that hit it.
 
-    See :func:`sarmitsuba.tracing.kernel.tubes.tube.limited`.
+    See :func:`sarmitsuba.tracing.kernel.tubes.tube.limit_extent`.
     """
     lines = []
     for edge, within in zip(edges, inner, strict=True):
@@ -134,7 +134,7 @@ def _line(h: mi.Float, gu: mi.Float, gv: mi.Float, inner: mi.Bool) -> HalfPlane:
     )
 
 
-def selected(condition: mi.Bool, a: Sequence[HalfPlane], b: Sequence[HalfPlane]) -> list[HalfPlane]:
+def select_lines(condition: mi.Bool, a: Sequence[HalfPlane], b: Sequence[HalfPlane]) -> list[HalfPlane]:
     """Lines ``a`` in the lanes where the condition holds, else ``b``."""
     return [
         HalfPlane(*(dr.select(condition, getattr(x, k), getattr(y, k)) for k in ("h", "gu", "gv", "inner")))
@@ -167,17 +167,17 @@ class Bounds:
             out &= line.h > 1.001 * (dr.abs(line.gu) + dr.abs(line.gv))
         return out
 
-    def bounded(self) -> mi.Bool:
+    def is_bounded(self) -> mi.Bool:
         """Whether there are at least three lines, so that the facet has corners."""
         near = sum((dr.select(line.h < NOWHERE, 1.0, 0.0) for line in self.lines), mi.Float(0.0))
         return self.exact | (near > 2.5)  # lines of a large facet may lie too far away to count
 
-    def cancelled(
+    def cancels(
         self, q: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f, kept_up_to: mi.Float | None = None
     ) -> mi.Bool:
         """Whether :func:`phase_integral` is zero, as all sides of the part are common ones and left out."""
         phase = dr.sqrt(dr.square(dr.dot(q, u)) + dr.square(dr.dot(q, v)))
-        return self.exact & (_kept(phase, kept_up_to) == 0.0) & self.apart()
+        return self.exact & (_weigh_terms(phase, kept_up_to) == 0.0) & self.apart()
 
     def cell(self) -> Polygon:
         """The ray's own cell."""
@@ -191,8 +191,8 @@ class Bounds:
         return Polygon(sides, (), self.rim, mi.Float(1.0), self.exact)
 
     def part(self) -> Polygon:
-        """The ray's part; see :func:`clipped`."""
-        return clipped(self.lines, self.extent, self.rim, self.exact, self.bounded())
+        """The ray's part; see :func:`clip_facet`."""
+        return clip_facet(self.lines, self.extent, self.rim, self.exact, self.is_bounded())
 
     def area(self) -> mi.Float:
         """Area of the part relative to a whole tube, times its weight."""
@@ -207,7 +207,7 @@ class Bounds:
         return area
 
 
-def clipped(
+def clip_facet(
     lines: Sequence[HalfPlane],
     extent: TubeExtent,
     rim: tuple[mi.Float, mi.Float],
@@ -373,7 +373,7 @@ def phase_integral(
     return result
 
 
-def _kept(phase: mi.Float, kept_up_to: mi.Float | None) -> mi.Float:
+def _weigh_terms(phase: mi.Float, kept_up_to: mi.Float | None) -> mi.Float:
     """Weight of the terms of common sides, by the phase difference of neighbouring rays, see `part_integral`."""
     if kept_up_to is not None:
         phase = phase * (INNER_UP_TO * dr.rcp(kept_up_to))
@@ -432,7 +432,7 @@ def part_integral(
     qu, qv = dr.select(told, qu, 0.0), dr.select(told, qv, 0.0)
 
     def kept(phase: mi.Float) -> mi.Float:
-        return dr.select(piece.exact, dr.detach(_kept(phase, kept_up_to)), 1.0)
+        return dr.select(piece.exact, dr.detach(_weigh_terms(phase, kept_up_to)), 1.0)
 
     inner = kept(dr.sqrt(squared))
     normal = dr.cross(u, v)
@@ -485,7 +485,7 @@ def part_integral(
     filled = dr.select(small, mi.Complex2f(1.0 - 0.5 * x * x, x) * area, total) * piece.weight
     filled = dr.select(told, filled, 0.0)
     scale = dr.rcp(sum_of_moduli)
-    in_phase, per_area = _kept(dr.sqrt(squared), None), dr.rcp(dr.maximum(area, LEAST_PART))
+    in_phase, per_area = _weigh_terms(dr.sqrt(squared), None), dr.rcp(dr.maximum(area, LEAST_PART))
     place = tuple(
         dr.select(
             piece.exact, mean * scale, dr.lerp(rim, per_area * (moment / 6.0 + END_SHIFT * step), in_phase)

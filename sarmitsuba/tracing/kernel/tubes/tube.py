@@ -1,8 +1,11 @@
-"""Ray tubes: the footprint of a ray on a facet and its extent."""
+"""Ray tubes: the footprint of a ray on a facet and its extent.
+
+Variation of the surface normal over a ray tube on a curved mirror, which makes the tube diverge or converge.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from sarmitsuba.machine.backend import dr, mi
@@ -46,12 +49,12 @@ class TubeExtent:
 NOWHERE = 1e3
 
 
-def unlimited() -> TubeExtent:
+def make_unlimited() -> TubeExtent:
     """Extent of a tube before the first hit."""
     return TubeExtent(*(mi.Float(x) for x in (NOWHERE, 0.0) * 4))
 
 
-def limited(
+def limit_extent(
     extent: TubeExtent, edges: Sequence[mi.Vector4f], point: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f
 ) -> TubeExtent:
     """Extent of a tube, intersected with the boundary edges of the facet that was hit.
@@ -159,3 +162,28 @@ def patch(extent: TubeExtent) -> Patch:
     chance = dr.clip(f[0] + f[2], 1e-3, 1.0) * dr.clip(f[4] + f[6], 1e-3, 1.0)
     extent = TubeExtent(*(x for pair in zip(ends, slopes, strict=True) for x in pair))
     return Patch(extent, (right_top, left_top, left_bottom, right_bottom), rim, dr.rcp(chance))
+
+
+# largest cross-section of a tube behind curved mirrors relative to flat ones; the ray ends beyond it: its field is
+# 120 dB down, and further mirrors would leave the range of float32
+WIDEST_SPREAD = 1e12
+
+
+def normal_change(
+    table: mi.Float, face: mi.UInt32, active: mi.Bool, sign: mi.Float
+) -> Callable[[mi.Vector3f], mi.Vector3f]:
+    """Change of the normal for a step on the facet: a function of float32 vectors; ``sign`` -1 reverses the normal."""
+    a = dr.gather(mi.Vector4f, table, face * 2, active)
+    b = dr.gather(mi.Vector4f, table, face * 2 + 1, active)
+
+    def apply(step: mi.Vector3f) -> mi.Vector3f:
+        return (
+            mi.Vector3f(
+                a.x * step.x + a.w * step.y + b.x * step.z,
+                a.w * step.x + a.y * step.y + b.y * step.z,
+                b.x * step.x + b.y * step.y + a.z * step.z,
+            )
+            * sign
+        )
+
+    return apply

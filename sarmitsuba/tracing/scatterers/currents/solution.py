@@ -9,11 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C128, F64, I64
-from sarmitsuba.scene.mesh.conforming import conforming
-from sarmitsuba.scene.mesh.connected import connected
-from sarmitsuba.scene.mesh.edge_pairs import edge_pairs
 from sarmitsuba.scene.mesh.mirrors import mirror_planes, part_of
-from sarmitsuba.scene.mesh.remesh import DEVIATION, remesh
+from sarmitsuba.scene.mesh.remesh import DEVIATION, conforming, remesh
+from sarmitsuba.scene.mesh.topology import edge_pairs, label_connected
 from sarmitsuba.tracing.scatterers.currents.basis import CurrentBasis
 from sarmitsuba.tracing.scatterers.currents.matrix import MomentMatrices
 
@@ -61,7 +59,7 @@ class WholeSurface:
             vertices, faces, *mirror_planes(vertices, faces, DEVIATION * length, MIRROR_STEP * length)
         )
 
-    def meshed(self, length: float) -> "BodyMesh":
+    def make_mesh(self, length: float) -> "BodyMesh":
         """Mesh of the part that mirrors complete, in edges of a length, m."""
         vertices, faces = self.vertices, self.faces
         if self.normals.size:
@@ -104,7 +102,7 @@ class BodyMesh:
     def body(self) -> I64:
         """(m,) int64, number of the connected surface of each triangle."""
         n, corner = len(self.vertices), self.faces.ravel()
-        return connected(n, corner, np.roll(self.faces, -1, axis=1).ravel())[self.faces[:, 0]]
+        return label_connected(n, corner, np.roll(self.faces, -1, axis=1).ravel())[self.faces[:, 0]]
 
     @cached_property
     def closed(self) -> NDArray[np.bool_]:

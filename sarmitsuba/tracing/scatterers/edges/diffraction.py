@@ -14,15 +14,14 @@ from sarmitsuba.core.arrays import F64
 from sarmitsuba.machine.backend import device_array, dr, mi
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.materials.material import Material
-from sarmitsuba.scene.mesh.sharp_edges import DIRECTIONS, SharpEdges, sharp_edges
-from sarmitsuba.scene.mesh.thin_rims import metal_edges
+from sarmitsuba.scene.mesh.sharp_edges import DIRECTIONS, SharpEdges, metal_edges, sharp_edges
 from sarmitsuba.scene.visible_faces import VisibleFaces
 from sarmitsuba.tracing.derivatives.hooks import derivatives_of
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.intersector import intersector, leave_surface, query_ray
 from sarmitsuba.tracing.kernel.leg import Leg
 from sarmitsuba.tracing.kernel.source import Scatterers
-from sarmitsuba.tracing.kernel.stage import mirrored
+from sarmitsuba.tracing.kernel.stage import apply_at_mirror
 from sarmitsuba.tracing.kernel.state import Kernel
 from sarmitsuba.tracing.kernel.table_rows import MaterialRow
 from sarmitsuba.tracing.scatterers.edges.plate_rims import PlateRim, sinc
@@ -79,7 +78,7 @@ def edges_of(
     scene = intersector(corners.astype(np.float32))
     edges = edges.cut(max(longest, float(edges.length.sum()) / SPANS))
     edges = replace(edges, span=spans(edges, scene, geometry.diameter)).cut(longest)
-    edges = edges.of(uncovered(edges, scene, wavelength))
+    edges = edges.of(find_uncovered(edges, scene, wavelength))
     height = np.array([m.rms_height for m in materials])[geometry.face_material[visible.face]]
     if not height[metal].any():
         return edges
@@ -114,7 +113,7 @@ def spans(edges: SharpEdges, scene: mi.Scene, largest: float) -> F64:
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
         place = rim.middle[:, None] + middle[..., None] * directions - up
-        there = _met(scene, place.reshape(-1, 3), (2.0 * up).reshape(-1, 3)).reshape(middle.shape)
+        there = _meets_triangle(scene, place.reshape(-1, 3), (2.0 * up).reshape(-1, 3)).reshape(middle.shape)
         low, high = np.where(there, middle, low), np.where(there, high, middle)
     out[rims] = 0.5 * (low + high)
     return out
@@ -154,12 +153,12 @@ def _steps(start: F64, step: F64) -> mi.Ray3f:
     return query_ray(mi.Point3f(*origin), mi.Vector3f(*direction), mi.Float(1.0))
 
 
-def _met(scene: mi.Scene, start: F64, step: F64) -> NDArray[np.bool_]:
+def _meets_triangle(scene: mi.Scene, start: F64, step: F64) -> NDArray[np.bool_]:
     """Whether (n,) straight steps (n, 3) from points (n, 3) meet a triangle."""
     return np.asarray(scene.ray_test(_steps(start, step)), dtype=bool)
 
 
-def uncovered(edges: SharpEdges, scene: mi.Scene, wavelength: float) -> NDArray[np.bool_]:
+def find_uncovered(edges: SharpEdges, scene: mi.Scene, wavelength: float) -> NDArray[np.bool_]:
     """Edges (n,) that touch no other object: a path round the middle of each, through its exterior, meets no triangle.
 
     Parameters
@@ -184,7 +183,7 @@ def uncovered(edges: SharpEdges, scene: mi.Scene, wavelength: float) -> NDArray[
     )
     path = edges.middle[:, None] + reach[:, None, None] * rim
     start, step = path[:, :-1].reshape(-1, 3), np.diff(path, axis=1).reshape(-1, 3)
-    met = _met(scene, start, step).reshape(edges.n, PROBES - 1)
+    met = _meets_triangle(scene, start, step).reshape(edges.n, PROBES - 1)
     return np.asarray(~met.any(axis=1))
 
 
@@ -380,7 +379,7 @@ def _width(span: mi.Float, index: mi.UInt32, turn: mi.Float) -> mi.Float:
 def _coherent(kernel: Kernel, height: mi.Float, cosine: mi.Float) -> mi.Float:
     """Factor of all stages on waves of metal of an rms height, m, as on those mirrored at an angle of this cosine."""
     row, one = MaterialRow(mi.Vector4f(0.0, 0.0, height, 0.0)), mi.Vector3f(1.0, 0.0, 0.0)
-    ((kept, _),) = mirrored(kernel, row, cosine, ((one, mi.Vector3f(0.0)),))
+    ((kept, _),) = apply_at_mirror(kernel, row, cosine, ((one, mi.Vector3f(0.0)),))
     return kept.x
 
 

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from sarmitsuba.tracing.scatterers.edges.edge_state import EdgeLane
 
 
-def begun(
+def begin_edge(
     tangents: RayDerivative,
     samples: EdgeSamples,
     row: mi.UInt32,
@@ -63,7 +63,7 @@ def begun(
     return replace(tangents, slots=slots, edge=state)
 
 
-def arrived(state: EdgeState, carried: Carried, lane: Lane, ray: RayState, hit: Hit) -> EdgeState:
+def arrive_beside_edge(state: EdgeState, carried: Carried, lane: Lane, ray: RayState, hit: Hit) -> EdgeState:
     """State at a hit: the lit area moves with the smallest piece of surface on the path."""
     assert ray.derivative is not None
     frames = []
@@ -80,7 +80,7 @@ def arrived(state: EdgeState, carried: Carried, lane: Lane, ray: RayState, hit: 
     return EdgeState(state.across, state.turns, tuple(frames), dr.select(mirror, mi.UInt32(1), outline))
 
 
-def shadowed(lane: Lane, ray: RayState, hit: Hit) -> Hit:
+def find_shadowed(lane: Lane, ray: RayState, hit: Hit) -> Hit:
     """A hit that the antenna sees but for an edge, if the ray was sent there.
 
     Rays whose last leg is beside an edge are sent to its shadow. Where the edge is beside another leg too, they do not
@@ -105,7 +105,7 @@ def _frame(
     return dr.dot(state.across, towards) / hit.length + dr.dot(state.turns[k], hit.direction64)
 
 
-def of_tube(carried: Carried, lane: Lane, ray: RayState, hit: Hit) -> EchoDerivative:
+def weigh_tube(carried: Carried, lane: Lane, ray: RayState, hit: Hit) -> EchoDerivative:
     """Weights of a coherent return by every displacement, 1 per unit.
 
     A path and the reversed one have the same return, and each is traced. Of three bounces or more they count twice for
@@ -114,13 +114,13 @@ def of_tube(carried: Carried, lane: Lane, ray: RayState, hit: Hit) -> EchoDeriva
     """
     edge, before = _edge_of(lane), None if ray.derivative is None else ray.derivative.edge
     assert before is not None
-    state = arrived(before, carried, lane, ray, hit)
+    state = arrive_beside_edge(before, carried, lane, ray, hit)
     legs = edge.leg + dr.select(state.outline == 1, mi.UInt32(1), 0)
     weight = mi.Float64(edge.weight * dr.select(hit.order > dr.maximum(legs, 2), 2.0, 1.0))
     return EchoDerivative(tuple(edge.relative(weight, k, frame) for k, frame in enumerate(state.frames)))
 
 
-def of_scatterer(
+def weigh_scatterer(
     carried: Carried, lane: Lane, ray: RayState, hit: Hit, centre: mi.Vector3d
 ) -> tuple[EchoDerivative, EchoDerivative]:
     """Weights of the returns of a diffuse scatterer by every displacement: straight, and back through the mirrors."""

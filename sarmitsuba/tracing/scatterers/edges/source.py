@@ -24,7 +24,7 @@ class EdgeKind(SourceKind):
             return None
         edges = site.edges
         if site.flags.taper:
-            edges = edges.weighted(site.light(edges.middle))
+            edges = edges.weigh(site.light(edges.middle))
         if not edges.n:
             return None
         return PointSource(FringeCurrents(edges), most_bounces(site.scene) if site.flags.multi_bounce else 1)

@@ -31,7 +31,7 @@ from sarmitsuba.radar.polarisation import linear_parts
 from sarmitsuba.tracing.derivatives.hooks import derivatives_of
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.antenna_weight import fade
-from sarmitsuba.tracing.kernel.diffuse_return import mixed
+from sarmitsuba.tracing.kernel.diffuse_return import mix_terms
 from sarmitsuba.tracing.kernel.intersector import leave_surface
 from sarmitsuba.tracing.kernel.kernel import TraceCounts
 from sarmitsuba.tracing.kernel.leg import Leg, Surroundings, pattern_gain, straight_leg
@@ -125,10 +125,10 @@ class PairSource:
         pulse = number // count
         index = number - pulse * count + dr.opaque(mi.UInt32, part.first)
         a, b, weight = self._ends(kernel, index)
-        out_a, out_b = (_lit(kernel, pulses, pulse, end) for end in (a, b))
+        out_a, out_b = (_leg_to_antenna(kernel, pulses, pulse, end) for end in (a, b))
         home_a, home_b = out_a, out_b
         if receiver is not None:
-            home_a, home_b = (_lit(kernel, receiver, pulse, end) for end in (a, b))
+            home_a, home_b = (_leg_to_antenna(kernel, receiver, pulse, end) for end in (a, b))
         weight = weight * kernel.constants.amplitude
         one = self._path(kernel, antenna, pulse, (a, out_a), (b, home_b), weight)
         added = accumulator.begin()
@@ -218,14 +218,14 @@ class PairSource:
         fields = []
         for letter in letters:
             e = out.sent(letter)
-            zu, zv = (mixed(first.between(q, e), a.random) for q in (u, v))
+            zu, zv = (mix_terms(first.between(q, e), a.random) for q in (u, v))
             fields.append(field.add(field.scale(zu, u), field.scale(zv, v)))
         passed, shift = Surroundings.within(kernel).passed(arrival, -s, r, out.seen, tuple(fields))
         between = dict(zip(letters, passed, strict=True))
         if shift is not None:  # the delay in slabs between the two
             length = length - dr.dot(mi.Vector3d(s), mi.Vector3d(shift))
         values = [
-            mixed(second.between_fields(home.sent(channel[1]), between[channel[0]]), b.random) * factor
+            mix_terms(second.between_fields(home.sent(channel[1]), between[channel[0]]), b.random) * factor
             for channel in closed
         ]
         echo = Contribution(
@@ -234,7 +234,7 @@ class PairSource:
             pulse=pulse,
             slant_range=0.5 * (out.length + length + home.length),
             range_rate=0.5 * (out.rate + home.rate),
-            amplitudes=tuple(field.recorded(closed, values, flags.channels)),
+            amplitudes=tuple(field.pick_recorded(closed, values, flags.channels)),
             active=out.seen & home.seen,
             point=0.5 * (a.point + b.point),
         )
@@ -250,7 +250,7 @@ def _rows(pairs: SurfacePairs) -> np.ndarray[tuple[int, ...], np.dtype[np.float6
     return rows
 
 
-def _lit(kernel: Kernel, pulses: PulseBatch, pulse: mi.UInt32, end: _PairEnd) -> _LitEnd:
+def _leg_to_antenna(kernel: Kernel, pulses: PulseBatch, pulse: mi.UInt32, end: _PairEnd) -> _LitEnd:
     """Leg between one scatterer of a pair and the antenna of a pulse."""
     position, velocity = antenna_of(pulses, pulse)
     clearance = kernel.constants.clearance

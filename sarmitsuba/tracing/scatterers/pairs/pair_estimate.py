@@ -14,7 +14,7 @@ from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.radar.antenna import Antenna
-from sarmitsuba.scene.materials.map_materials import with_parts
+from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.mesh.surface_samples import spanned_area, surface_samples
 from sarmitsuba.tracing.kernel.launch import LaunchGrid, PulseBatch, frame_towards
 from sarmitsuba.tracing.kernel.leg import Surroundings
@@ -96,11 +96,11 @@ def pair_level(site: Site) -> PairLevel:
         pairs=count,
         realisation_error=min(share, _realisation_error(site, pilot) * finer**2),
         cell=cell,
-        cross=_over(pilot.cross, pilot.pairs.cross),
+        cross=_divide_by_clutter(pilot.cross, pilot.pairs.cross),
     )
 
 
-def _over(power: float, clutter: float) -> float:
+def _divide_by_clutter(power: float, clutter: float) -> float:
     """Power relative to the clutter; infinite where there is no clutter."""
     if power == 0.0:
         return 0.0
@@ -136,7 +136,7 @@ def _usable(site: Site) -> NDArray[np.bool_]:
     """Mask of the faces that scatter diffusely and are at rest."""
     trace_scene = _geometry(site)
     scene = site.scene
-    scatters = np.array([any(p.scatters for p in with_parts([m])) for m in scene.materials], dtype=bool)
+    scatters = np.array([any(p.scatters for p in list_with_parts([m])) for m in scene.materials], dtype=bool)
     usable = scatters[scene.geometry.face_material[trace_scene.geometry_faces]]
     if site.flags.texture and trace_scene.surfaces is not None:  # materials by place
         usable[:] = True

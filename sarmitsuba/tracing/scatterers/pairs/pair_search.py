@@ -152,7 +152,7 @@ def _search(
     there &= (c_a > 0.0) & (c_b > 0.0)
 
     ends = ((a, n_a64), (b, n_b64))
-    kept, seen = _seen(around, ends, views, there)
+    kept, seen = _find_seen(around, ends, views, there)
     word = FaceRow.of(scene.face_info, face_a).material_bits
     word, factor = scene.at_place(face_a, word, a, n_a64, dr.opaque(u32, seed & 0xFFFFFFFF), mi.Bool(True))
     middle = v64(*(dr.opaque(f64, float(x)) for x in views[len(views) // 2]))
@@ -208,7 +208,7 @@ def _facing(samples: SurfaceSamples, views: F64) -> tuple[NDArray[np.bool_], NDA
     return front, back
 
 
-def _seen(
+def _find_seen(
     around: Surroundings,
     ends: tuple[tuple[mi.Vector3d, mi.Vector3d], tuple[mi.Vector3d, mi.Vector3d]],
     views: F64,

@@ -37,7 +37,7 @@ class Passage(Protocol):
         """
 
 
-def passed(
+def pass_all(
     passages: Sequence[Passage],
     origin: mi.Vector3f,
     direction: mi.Vector3f,

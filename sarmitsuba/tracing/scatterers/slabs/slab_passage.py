@@ -29,7 +29,7 @@ MOST_SLABS = 6
 LEAST_POWER = 1e-12
 
 
-def along(
+def pass_leg(
     scene: TraceScene,
     wavenumber: mi.Float,
     clearance: mi.Float,
@@ -77,13 +77,13 @@ def along(
         properties = MaterialRow.of(scene.material_table, material, active)
         row = SlabRow.of(slabs.table, material, active)
         factors = slab_factors(properties, row, towards, n, behind)
-        passed = _behind(vectors, towards, n, factors)
+        passed = _transmit_behind(vectors, towards, n, factors)
         vectors = tuple(
             tuple(dr.select(active, a, b) for a, b in zip(x, y, strict=True))
             for x, y in zip(passed, vectors, strict=True)
         )
         cosine = dr.maximum(-dr.dot(n, towards), 1e-7)
-        step = met.t + _past(slabs, face, behind, active, clearance) / cosine
+        step = met.t + _step_past(slabs, face, behind, active, clearance) / cosine
         left = dr.select(active, left - step, left)
         shift = shift + dr.select(active, _shift(factors, towards, n) / wavenumber, 0.0)
         return left, active & (left > 0.0), shift, vectors
@@ -149,7 +149,7 @@ class Waiting:
         return Waiting(memory, count, mi.UInt32(0))
 
 
-def branched(
+def branch_ray(
     kernel: Kernel, before: RayState, hit: Hit, mirrored: RayState, waiting: Waiting
 ) -> tuple[RayState, Waiting]:
     """Next ray of a lane: transmitted through the slab it hit, reflected, or a stored branch.
@@ -171,14 +171,14 @@ def branched(
     slabs, clearance = _slabs(kernel), kernel.constants.clearance
     d, n = hit.direction, hit.normal
     factors = slab_factors(hit.properties, hit.slab, d, n, hit.behind)
-    passed = _behind(before.fields, d, n, factors)
+    passed = _transmit_behind(before.fields, d, n, factors)
     transmitted = (
         hit.met & hit.slab.transmits & (before.crossed < MOST_SLABS) & (_power(passed) > LEAST_POWER)
     )
     step = mi.Vector3d(_shift(factors, d, n) / kernel.constants.wavenumber)
     along_ray = dr.dot(step, hit.direction64)
     aside = mi.Vector3f(step - hit.direction64 * along_ray)
-    past = _past(slabs, hit.face, hit.behind, transmitted, clearance) / dr.maximum(-dr.dot(d, n), 1e-7)
+    past = _step_past(slabs, hit.face, hit.behind, transmitted, clearance) / dr.maximum(-dr.dot(d, n), 1e-7)
     beyond = d * (past if hit.before_facet is None else past + hit.before_facet)
     spread, receiver = before.spread, before.virtual_receiver
     gone = replace(
@@ -196,12 +196,12 @@ def branched(
     for memory, array in zip(waiting.memory, _arrays(mirrored), strict=True):
         memory.write(array, waiting.count, active=waits)
     count = waiting.count + dr.select(waits, mi.UInt32(1), 0)
-    ray = _chosen(transmitted, gone, mirrored)
+    ray = _choose_ray(transmitted, gone, mirrored)
     # at the end of a path the branch stored last is taken up
     ended = ~ray.active & (count > 0)
     count = count - dr.select(ended, mi.UInt32(1), 0)
     stored = _rebuilt(ray, iter([memory.read(count, active=ended) for memory in waiting.memory]))
-    ray = _chosen(ended, replace(stored, active=ended), ray)
+    ray = _choose_ray(ended, replace(stored, active=ended), ray)
     return ray, replace(waiting, count=count, hits=waiting.hits + dr.select(hit.active, mi.UInt32(1), 0))
 
 
@@ -211,7 +211,7 @@ def _slabs(kernel: Kernel) -> SlabTables:
     return slabs
 
 
-def _behind(
+def _transmit_behind(
     vectors: Sequence[ComplexVector], d: mi.Vector3f, n: mi.Vector3f, factors: SlabFactors
 ) -> tuple[ComplexVector, ...]:
     h = field.incidence_basis(d, n)
@@ -226,7 +226,7 @@ def _power(vectors: Sequence[ComplexVector]) -> mi.Float:
     return power
 
 
-def _past(
+def _step_past(
     slabs: SlabTables, face: mi.UInt32, behind: mi.Bool, active: mi.Bool, clearance: mi.Float
 ) -> mi.Float:
     """How far along the normal a wave goes on from a face that it met: past the other face of a box, if it is one."""
@@ -276,7 +276,7 @@ def _rebuilt(like: Any, arrays: Any) -> Any:
     return next(arrays)
 
 
-def _chosen(condition: mi.Bool, a: RayState, b: RayState) -> RayState:
+def _choose_ray(condition: mi.Bool, a: RayState, b: RayState) -> RayState:
     """Ray ``a`` in the lanes where the condition holds, else ``b``."""
     pairs = zip(_arrays(a), _arrays(b), strict=True)
     chosen = _rebuilt(b, iter([dr.select(condition, x, y) for x, y in pairs]))

@@ -26,7 +26,7 @@ from sarmitsuba.scene.materials.vegetation.canopy import (
     water_cloud,
 )
 from sarmitsuba.scene.materials.vegetation.plant_pieces import Leaf, Stick
-from sarmitsuba.scene.mesh.closed import enclosed_volume, is_closed, surface_area
+from sarmitsuba.scene.mesh.facet_edges import enclosed_volume, is_closed, surface_area
 from sarmitsuba.scene.scatterers import SCATTERERS, Medium, Target
 from sarmitsuba.scene.scene import Scene
 

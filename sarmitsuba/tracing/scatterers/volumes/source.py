@@ -329,7 +329,7 @@ def _up() -> mi.Vector3f:
     return mi.Vector3f(0.0, 0.0, 1.0)
 
 
-def _numbered(volumes: Sequence[Volume]) -> tuple[list[VolumeMedium], list[int]]:
+def _number_media(volumes: Sequence[Volume]) -> tuple[list[VolumeMedium], list[int]]:
     """Distinct media of volumes, and the number of the medium of each volume."""
     media = {id(volume.medium): volume.medium for volume in volumes}
     numbers = {key: i for i, key in enumerate(media)}
@@ -338,7 +338,7 @@ def _numbered(volumes: Sequence[Volume]) -> tuple[list[VolumeMedium], list[int]]
 
 def volume_passage(volumes: Sequence[Volume]) -> VolumePassage:
     """Extinction by volumes, as a passage of the kernel."""
-    media, number = _numbered(volumes)
+    media, number = _number_media(volumes)
     table = np.stack([medium.extinction for medium in media]).astype(np.float32)
     return VolumePassage(VolumeSurfaces.of(volumes, number), device_array(mi.Float, table))
 
@@ -356,7 +356,7 @@ def volume_scatterers(
     shares : function from positions (n, 3) to factors (n,) on the amplitude at the border of a cropped image; None:
         one everywhere
     """
-    media, number = _numbered(volumes)
+    media, number = _number_media(volumes)
     spacing = [scatterer_spacing(volume, cell_area) for volume in volumes]
     cells = [_cells(volume, step, seed) for volume, step in zip(volumes, spacing, strict=True)]
     volume = np.repeat(np.arange(len(volumes), dtype=np.uint32), [len(key) for _, key in cells])

@@ -144,7 +144,7 @@ class WaterTables:
         four = 2.0 * dr.square(twice) - 1.0
         return mi.Vector2f(*(dr.sqrt(dr.maximum(1.0 + b[i] * twice + b[i + 2] * four, 0.0)) for i in (0, 1)))
 
-    def tilted(
+    def tilt(
         self, normal: mi.Vector3f, point: mi.Vector3f, material: mi.UInt32, time: mi.Float
     ) -> mi.Vector3f:
         """Unit normal of the water surface, tilted by the long waves; the normal itself on other materials.

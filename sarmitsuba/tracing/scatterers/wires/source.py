@@ -58,7 +58,7 @@ class WireNodes:
     sides: F64
     wire: NDArray[np.intp]
 
-    def weighted(self, weight: F64) -> WireNodes:
+    def weigh(self, weight: F64) -> WireNodes:
         """The nodes of weight (n,) above 0, with amplitudes times the weight."""
         kept = weight > 1e-6
         return WireNodes(
@@ -313,7 +313,7 @@ class WireRows(SourceKind):
         if not wires:
             return None
         nodes = cut(wires, _step(site))
-        nodes = nodes.weighted(site.shares(nodes.point))
+        nodes = nodes.weigh(site.shares(nodes.point))
         if not len(nodes.point):
             return None
         return PointSource(WireScatterers(nodes, wires, site.wavelength), most_bounces(site.scene))

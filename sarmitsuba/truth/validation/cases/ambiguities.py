@@ -14,7 +14,7 @@ from sarmitsuba.signal.focusing.focusers.backprojection import backproject
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry
-from sarmitsuba.truth.validation.chain import Parameter, make_scene, unwarned
+from sarmitsuba.truth.validation.chain import Parameter, make_scene, suppress_warnings
 from sarmitsuba.truth.validation.comparison import Case, Comparison
 
 FREQUENCY = 9.65e9
@@ -73,7 +73,7 @@ class Ghosts:
         }
         if pointing_error:
             values = {**values, "pointing_error_azimuth_deg": float(np.degrees(pointing_error))}
-        with unwarned():  # about the prf, which is intended
+        with suppress_warnings():  # about the prf, which is intended
             scene = make_scene(None, (), values, points=(PointTarget("p", np.zeros(3), 1.0),))
             raw = simulate(scene)
         self.raw = replace(

@@ -14,7 +14,7 @@ from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation import targets
@@ -127,14 +127,16 @@ def corner(seed: int) -> Callable[[F64, F64], Geometry]:
     def made(point: F64, toward: F64) -> Geometry:
         shape = targets.trihedral(1.0, "triangular")
         diagonal = np.ones(3) / np.sqrt(3.0)
-        return placed(shape, frame(diagonal, 0.0), frame(toward, np.radians(roll)), point)
+        return place_geometry(shape, frame(diagonal, 0.0), frame(toward, np.radians(roll)), point)
 
     return made
 
 
 def plate(point: F64, toward: F64) -> Geometry:
     """A plate of 0.6 m that faces the radar."""
-    return placed(targets.plate(0.6, 0.6), frame(np.array([0.0, 0.0, 1.0]), 0.0), frame(toward, 0.3), point)
+    return place_geometry(
+        targets.plate(0.6, 0.6), frame(np.array([0.0, 0.0, 1.0]), 0.0), frame(toward, 0.3), point
+    )
 
 
 def dihedral(roll: float, side: float) -> Callable[[F64, F64], Geometry]:
@@ -144,7 +146,7 @@ def dihedral(roll: float, side: float) -> Callable[[F64, F64], Geometry]:
         # faces along +x and +y; the corner line is z: the frame's third axis
         bisector = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
         own = np.stack([bisector, np.array([0.0, 0.0, 1.0]), np.cross(bisector, [0.0, 0.0, 1.0])])
-        return placed(targets.dihedral(side, side, side), own, frame(toward, roll), point)
+        return place_geometry(targets.dihedral(side, side, side), own, frame(toward, roll), point)
 
     return made
 
@@ -159,7 +161,7 @@ def frame(toward: F64, roll: float) -> F64:
     )
 
 
-def placed(shape: Geometry, own: F64, wanted: F64, point: F64) -> Geometry:
+def place_geometry(shape: Geometry, own: F64, wanted: F64, point: F64) -> Geometry:
     """Geometry rotated from one frame into another and moved to a point."""
     return replace(shape, vertices=shape.vertices @ own.T @ wanted + point)
 

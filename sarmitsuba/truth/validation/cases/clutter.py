@@ -13,9 +13,9 @@ from sarmitsuba.core.arrays import F64, I64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.machine.backend import device_array, dr, mi
-from sarmitsuba.scene.materials.map_materials import varied
+from sarmitsuba.scene.materials.map_materials import vary_material
 from sarmitsuba.scene.materials.material import ClassMap, Material, SurfaceMaps
-from sarmitsuba.scene.materials.texture import Bitmap, in_plan
+from sarmitsuba.scene.materials.texture import Bitmap, place_in_plan
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.signal.image import SarImage
@@ -25,7 +25,7 @@ from sarmitsuba.tracing.kernel.surface_tables import SurfaceTables
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation import targets
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry
-from sarmitsuba.truth.validation.chain import ground_scene, unwarned
+from sarmitsuba.truth.validation.chain import ground_scene, suppress_warnings
 from sarmitsuba.truth.validation.comparison import CONFIDENCE, CRITICAL_DISTANCE, Case, Comparison
 
 LEVEL_DB = -10.0
@@ -76,7 +76,7 @@ def _ground(n_cells: float, material: Material | None = None, **changes: float) 
 
 
 def _image(scene: Scene) -> SarImage:
-    with unwarned():
+    with suppress_warnings():
         return render(scene, range_window=WINDOW, azimuth_window=WINDOW)
 
 
@@ -275,13 +275,13 @@ def surface_maps(quick: bool = False) -> Case:
         half = 0.5 * n_cells * CELL
         scene = _ground(n_cells, heading_deg=heading)
         own, even = scene.materials[0], _image(scene).sigma0()
-        bitmap = Bitmap(power_from_db(asked), in_plan((-half, -half, half, half), _turned(turn)))
+        bitmap = Bitmap(power_from_db(asked), place_in_plan((-half, -half, half, half), _rotate_bitmap(turn)))
         mapped = replace(own, maps=SurfaceMaps(level=bitmap))
         image = _image(replace(scene, materials=(mapped,)))
         place = _places(image, half, turn)
         label = f"heading {heading:.0f} deg, map turned by {turn:.0f} deg"
         comparisons.append(
-            _by_place(
+            _compare_places(
                 f"sigma0_map, {label}",
                 asked.ravel() + LEVEL_DB,
                 [image.sigma0()[place == k].mean() / even[place == k].mean() for k in range(9)],
@@ -294,7 +294,7 @@ def surface_maps(quick: bool = False) -> Case:
         classes = ClassMap(replace(bitmap, values=np.arange(9).reshape(3, 3)), materials)
         image = _image(replace(scene, materials=(replace(own, maps=SurfaceMaps(classes=classes)),)))
         comparisons.append(
-            _by_place(
+            _compare_places(
                 f"land_cover, {label}",
                 asked.ravel() + LEVEL_DB,
                 [image.sigma0()[place == k].mean() / even[place == k].mean() for k in range(9)],
@@ -303,7 +303,7 @@ def surface_maps(quick: bool = False) -> Case:
         soil, want = _soil(bitmap, rng)
         image = _image(replace(scene, materials=(soil,)))
         comparisons.append(
-            _by_place(
+            _compare_places(
                 f"permittivity_map and roughness_map, {label}",
                 db_from_power(want),
                 [image.sigma0()[place == k].mean() / even[place == k].mean() for k in range(9)],
@@ -333,7 +333,7 @@ def _soil(bitmap: Bitmap, rng: np.random.Generator) -> tuple[Material, F64]:
         correlation_length=0.02,
         diffuse_law="small_perturbation",
     )
-    number, parts = varied(soil, permittivity, height)
+    number, parts = vary_material(soil, permittivity, height)
     wavenumber = 2.0 * np.pi * 9.65e9 / SPEED_OF_LIGHT
     want = [
         theory.small_perturbation_sigma0(np.radians(40.0), e * (1.0 - 0.15j), wavenumber, s, 0.02)[1][0]
@@ -344,7 +344,7 @@ def _soil(bitmap: Bitmap, rng: np.random.Generator) -> tuple[Material, F64]:
     )
 
 
-def _turned(turn: float) -> F64:
+def _rotate_bitmap(turn: float) -> F64:
     """(3, 3) rotation of u and v about the middle of the bitmap, deg."""
     c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
     return np.array([[c, -s, 0.5 - 0.5 * c + 0.5 * s], [s, c, 0.5 - 0.5 * s - 0.5 * c], [0.0, 0.0, 1.0]])
@@ -366,7 +366,7 @@ def _places(image: SarImage, half: float, turn: float) -> I64:
     return np.where(inside, 3 * row + column, -1)
 
 
-def _by_place(label: str, want: F64, ratio: Sequence[float]) -> Comparison:
+def _compare_places(label: str, want: F64, ratio: Sequence[float]) -> Comparison:
     return Comparison(
         label,
         np.arange(9.0),

@@ -33,7 +33,7 @@ def edge_plate(quick: bool = False) -> Case:
         degrees = np.linspace(5.0, 90.0, 35 if quick else 171)
         angle = np.radians(degrees)
         look = np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], axis=1)
-        result = _with_edges(targets.plate(width, height), look, band)
+        result = _trace_with_edges(targets.plate(width, height), look, band)
         closed = theory.plate_along_its_sheet(width, height, lam, angle)
         for channel, want in zip(("HH", "VV"), closed, strict=True):
             comparisons.append(
@@ -84,7 +84,7 @@ def edge_wedges(quick: bool = False) -> Case:
         n = 24 if quick else 160
         # 6 mrad off the planes of all sides: Keller's sum jumps there, where the simulation lets the far edge fade
         azimuth = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False) + 0.0065
-        result = _with_edges(_prism(corners, height), targets.from_azimuth(azimuth), band)
+        result = _trace_with_edges(_prism(corners, height), targets.from_azimuth(azimuth), band)
         exact = _keller(corners, height, lam, azimuth)
         for i, channel in enumerate(("VV", "HH")):
             comparisons.append(
@@ -114,7 +114,7 @@ def edge_wedges(quick: bool = False) -> Case:
     )
 
 
-def _with_edges(geometry: Geometry, look: F64, band: str) -> RcsResult:
+def _trace_with_edges(geometry: Geometry, look: F64, band: str) -> RcsResult:
     source = PointSource(FringeCurrents(edges_of(geometry, targets.PEC, wavelength(band))))
     return monostatic_rcs(geometry, targets.PEC, look, BANDS[band], max_depth=1, sources=(source,))
 

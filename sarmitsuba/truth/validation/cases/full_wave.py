@@ -27,12 +27,12 @@ TOLERANCE = {
 
 def scene(name: str, quick: bool = False) -> Case:
     """One stored scene over all its cuts; quick takes one cut of each kind and every fourth direction."""
-    given, stored = full_wave.SCENES[name], full_wave.stored()[name]
+    given, stored = full_wave.SCENES[name], full_wave.read_stored()[name]
     cuts, every = (given.cuts[::2], 4) if quick else (given.cuts, 1)
     # the peak of HH is always among them
     pick = {cut: slice(int(np.abs(stored[cut.name][:, 0]).argmax()) % every, None, every) for cut in cuts}
     exact = {cut: stored[cut.name][pick[cut]] for cut in cuts}
-    got = {cut: full_wave.simulated(name, cut, pick[cut]) for cut in cuts}
+    got = {cut: full_wave.simulate_amplitudes(name, cut, pick[cut]) for cut in cuts}
     *tolerance, reason = TOLERANCE[name]
     comparisons = tuple(
         Comparison(

@@ -8,7 +8,7 @@ from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry
-from sarmitsuba.truth.validation.chain import Parameter, make_scene, unwarned
+from sarmitsuba.truth.validation.chain import Parameter, make_scene, suppress_warnings
 from sarmitsuba.truth.validation.comparison import Case, Comparison
 
 FREQUENCY = 9.65e9
@@ -40,7 +40,7 @@ def motion_in_pulse(quick: bool = False) -> Case:
             }
             point = PointTarget("p", np.array([6.0, -4.0, 1.0]))
             settings = TraceSettings(effects={"motion_in_pulse": "on"})
-            with unwarned():  # of the pulse rate: nobody focuses these echoes
+            with suppress_warnings():  # of the pulse rate: nobody focuses these echoes
                 scene = make_scene(None, (), parameters, points=(point,), settings=settings)
             radar, wave = scene.radar, scene.radar.waveform
             x, v = radar.track.position[0], radar.track.velocity[0]

@@ -10,7 +10,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry
-from sarmitsuba.truth.validation.chain import unwarned
+from sarmitsuba.truth.validation.chain import suppress_warnings
 from sarmitsuba.truth.validation.comparison import Case, Comparison
 from sarmitsuba.truth.validation.measured_noise import empty_echoes, focused_noise, focused_peak
 
@@ -41,7 +41,7 @@ def preset_scene(name: str, off: bool) -> Scene:
     return load_scene("point", radar=name, parameters=changes) if changes else scene
 
 
-def measured(scene: Scene, window: str, draws: int) -> tuple[float, float]:
+def measure_noise(scene: Scene, window: str, draws: int) -> tuple[float, float]:
     """NESZ and SNR of a point of 1 m^2 in the middle of the image, linear."""
     grid = default_grid(scene.radar, scene.image)
     found = np.array([focused_noise(empty_echoes(scene.radar, seed), grid, window) for seed in range(draws)])
@@ -55,12 +55,12 @@ def link(quick: bool = False) -> Case:
     names = [entry.name for entry in list_radars()][:: 3 if quick else 1]
     draws = 1 if quick else _DRAWS
     predicted, found, closed, own = [], [], [], []
-    with unwarned():  # of squares of a few cells
+    with suppress_warnings():  # of squares of a few cells
         for name in names:
             scene = preset_scene(name, off=True)
             middle = link_budget(scene).middle
             predicted.append((middle.nesz, middle.snr))
-            found.append(measured(scene, "taylor", draws))
+            found.append(measure_noise(scene, "taylor", draws))
             centre = preset_scene(name, off=False)
             plain = link_budget(centre, range_window="rectangular", azimuth_window="rectangular")
             own.append(plain.middle.nesz)

@@ -250,7 +250,7 @@ def smear(quick: bool = False) -> Case:
     )
 
 
-def along_track(quick: bool = False) -> Case:
+def measure_along_track(quick: bool = False) -> Case:
     """Phase between two passes that follow each other by milliseconds, and between two receivers on one aircraft."""
     rng = np.random.default_rng(73)
     comparisons = []
@@ -277,7 +277,7 @@ def along_track(quick: bool = False) -> Case:
             first, second = (chain(scene).total() for scene in (early, late))
             at = np.unravel_index(int(np.argmax(np.abs(first))), first.shape)
             got.append(float(np.degrees(np.angle(second[at] * np.conj(first[at])))))
-        want = np.degrees(theory.along_track_phase(speeds, lag, WAVELENGTH))
+        want = np.degrees(theory.phase_along_track(speeds, lag, WAVELENGTH))
         comparisons.append(
             Comparison(
                 label,
@@ -307,4 +307,4 @@ def along_track(quick: bool = False) -> Case:
 
 CASES.register(CaseEntry("moving_displacement", "geometry", displacement))
 CASES.register(CaseEntry("moving_smear", "geometry", smear))
-CASES.register(CaseEntry("along_track_phase", "geometry", along_track))
+CASES.register(CaseEntry("along_track_phase", "geometry", measure_along_track))

@@ -18,7 +18,7 @@ from sarmitsuba.signal.metrics import point_target_in
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry
-from sarmitsuba.truth.validation.chain import unwarned
+from sarmitsuba.truth.validation.chain import suppress_warnings
 from sarmitsuba.truth.validation.comparison import Case, Comparison
 
 
@@ -78,7 +78,7 @@ def orbit_scene(
     }
     radar = RadarDescription(**values)  # type: ignore[arg-type]
     film = FilmDescription(image_grid="ground", image_extent_azimuth=extent, image_extent_range=120.0)
-    with unwarned():  # pulses enough to unwrap the phase
+    with suppress_warnings():  # pulses enough to unwrap the phase
         return build_scene(points=[PointTarget("point", point, 1.0)], radar=radar, film=film)
 
 
@@ -90,7 +90,7 @@ def orbit_state(radar: Radar) -> tuple[F64, F64]:
     return position, velocity + np.cross([0.0, 0.0, EARTH_ROTATION], position)
 
 
-def expected(scene: Scene, mission: Mission, point: F64) -> theory.OrbitDoppler:
+def evaluate_expected(scene: Scene, mission: Mission, point: F64) -> theory.OrbitDoppler:
     """Closed form for a point of the file's frame, from the satellite's place at the middle pulse alone."""
     radar = scene.radar
     position, velocity = orbit_state(radar)
@@ -134,7 +134,7 @@ def orbit_doppler(quick: bool = False) -> Case:
             scene = orbit_scene(
                 mission, 100 * m + i, point, latitude_deg=float(latitude), n_pulses=_PULSES, prf=_PRF
             )
-            closed = expected(scene, mission, point)
+            closed = evaluate_expected(scene, mission, point)
             frequency, rate = measured_doppler(scene)
             wavelength, track = scene.radar.waveform.wavelength, scene.radar.track
             distance = float(np.linalg.norm(track.center_position))
@@ -240,7 +240,7 @@ def orbit_points(quick: bool = False) -> Case:
                     )
                 )
                 if squint == 0.0:
-                    closed = expected(scene, mission, point)
+                    closed = evaluate_expected(scene, mission, point)
                     track, wavelength = scene.radar.track, scene.radar.waveform.wavelength
                     if mode == "stripmap":
                         slower = (closed.effective_velocity / closed.relative_speed) ** 2
@@ -305,7 +305,7 @@ def orbit_squint(quick: bool = False) -> Case:
                 antenna_height=0.1,
             )
             i_middle = scene.radar.track.center_index
-            speed = expected(scene, mission, np.zeros(3)).relative_speed
+            speed = evaluate_expected(scene, mission, np.zeros(3)).relative_speed
             closed.append(2.0 / scene.radar.waveform.wavelength * speed * np.sin(np.radians(squint)) / 1e3)
             simulated.append(beam_doppler(scene.radar)[i_middle] / 1e3)
         comparisons.append(

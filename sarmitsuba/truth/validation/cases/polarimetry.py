@@ -113,7 +113,7 @@ def polarimetric_targets(quick: bool = False) -> Case:
         )
     alpha, entropy, orientation, cross, even = np.array(rows).T
     number = np.arange(len(cases), dtype=np.float64)
-    dihedrals = theory.polarimetry.turned(theory.polarimetry.DIHEDRAL, np.radians(rolls))
+    dihedrals = theory.polarimetry.rotate_target(theory.polarimetry.DIHEDRAL, np.radians(rolls))
     closed = theory.polarimetry.coherency_of(dihedrals)
     double = np.array([float(name == "dihedral") for name, _ in cases])
     corner = double > 0.0

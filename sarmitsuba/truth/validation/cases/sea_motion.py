@@ -14,7 +14,7 @@ from sarmitsuba.truth.theory import sea as theory
 from sarmitsuba.truth.validation import targets
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry
 from sarmitsuba.truth.validation.cases.sea import ALL_IN_LAW
-from sarmitsuba.truth.validation.chain import Parameter, bandwidth, chain, make_scene, unwarned
+from sarmitsuba.truth.validation.chain import Parameter, bandwidth, chain, make_scene, suppress_warnings
 from sarmitsuba.truth.validation.comparison import Case, Comparison
 
 RANGE, SPEED, FREQUENCY, LOOK = 3e3, 150.0, 9.65e9, 40.0
@@ -140,7 +140,7 @@ def coherence(quick: bool = False) -> Case:
             pick = pick[np.unique(np.linspace(0, pick.size - 1, 21).round().astype(int))]
             product, energy = np.zeros(pick.size, dtype=np.complex128), np.zeros((2, pick.size))
             for seed in range(seeds):
-                with unwarned():
+                with suppress_warnings():
                     rest, moving = (
                         simulate(s, seed=seed).data[0][pick].astype(np.complex128)
                         for s in (frozen(scene), scene)

@@ -10,7 +10,7 @@ from sarmitsuba.core.arrays import C128, F64
 from sarmitsuba.core.units import power_from_db
 from sarmitsuba.signal.focusing import focus
 from sarmitsuba.signal.image import SarImage
-from sarmitsuba.signal.raw.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry

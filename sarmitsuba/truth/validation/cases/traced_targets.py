@@ -28,11 +28,11 @@ def traced_rcs(quick: bool = False) -> Case:
     """Traced plates and corner reflectors through the whole chain."""
     lam = wavelength("X")
     turn = _turn_to_look(np.radians(40.0))
-    corner = _rotated(targets.trihedral(0.6, "triangular"), _corner_turn())
+    corner = _rotate_shape(targets.trihedral(0.6, "triangular"), _corner_turn())
     shapes = {
-        "plate 0.5 m": (_rotated(targets.plate(0.5, 0.5), turn), 4.0 * np.pi * 0.5**4 / lam**2),
+        "plate 0.5 m": (_rotate_shape(targets.plate(0.5, 0.5), turn), 4.0 * np.pi * 0.5**4 / lam**2),
         "triangular trihedral 0.6 m": (
-            _rotated(corner, turn),
+            _rotate_shape(corner, turn),
             4.0 * np.pi * 0.6**4 / (3.0 * lam**2),
         ),
     }
@@ -88,8 +88,8 @@ def _two_corners() -> list[Comparison]:
     edge, cell, slant_range = 0.4, 0.5, 10e3
     # a wave's phase shows only off the centre of the window, to which lengths are referred
     places = np.array([[1.7, 2.1, 0.0], [-1.9, -2.3, 0.0]])
-    corner = _rotated(
-        _rotated(targets.trihedral(edge, "triangular"), _corner_turn()), _turn_to_look(np.radians(40.0))
+    corner = _rotate_shape(
+        _rotate_shape(targets.trihedral(edge, "triangular"), _corner_turn()), _turn_to_look(np.radians(40.0))
     )
     meshes = [(corner.vertices + place, corner.faces) for place in places]
     scene = make_scene(
@@ -153,7 +153,7 @@ def _turn_to_look(look_angle: float) -> F64:
     return np.stack([np.cross(y, z), y, z], axis=1)
 
 
-def _rotated(shape: Geometry, rotation: F64) -> Geometry:
+def _rotate_shape(shape: Geometry, rotation: F64) -> Geometry:
     return replace(shape, vertices=shape.vertices @ rotation.T)
 
 

@@ -14,7 +14,7 @@ from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation import targets
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry
-from sarmitsuba.truth.validation.chain import Parameter, bandwidth, make_scene, unwarned
+from sarmitsuba.truth.validation.chain import Parameter, bandwidth, make_scene, suppress_warnings
 from sarmitsuba.truth.validation.comparison import Case, Comparison
 
 FREQUENCY, CELL = 9.65e9, 1.0
@@ -71,7 +71,7 @@ def bistatic_phase(quick: bool = False) -> Case:
             baseline, slant_range=5e3, heading_deg=heading, look_angle_deg=float(rng.uniform(25.0, 55.0))
         )
         point = PointTarget("p", rng.uniform(-8.0, 8.0, 3))
-        with unwarned():  # of the pulse rate: nobody focuses these echoes
+        with suppress_warnings():  # of the pulse rate: nobody focuses these echoes
             scene = make_scene(None, (), parameters, points=(point,))
         at = _receiver(scene, baseline, np.radians(heading))
         sent = scene.radar.track.position[scene.radar.track.center_index]
@@ -124,13 +124,13 @@ def bistatic_plate(quick: bool = False) -> Case:
             baseline, slant_range=distance, look_angle_deg=40.0, polarisation=",".join(channels)
         )
         settings = TraceSettings(method="raw", max_depth=1, effects={"edge_diffraction": "off"})
-        with unwarned():  # of the pulse rate: nobody focuses these echoes
+        with suppress_warnings():  # of the pulse rate: nobody focuses these echoes
             scene = make_scene(geometry, targets.PEC, parameters, settings=settings)
         at = _receiver(scene, baseline, 0.0)
         sent = scene.radar.track.position[scene.radar.track.center_index]
         legs = float(np.linalg.norm(sent)) * float(np.linalg.norm(at))
         for channel, (found, exact) in echoes.items():
-            with unwarned():  # of edges, which physical optics alone leaves out
+            with suppress_warnings():  # of edges, which physical optics alone leaves out
                 found.append(_echo(scene, at, channel))
             facets = theory.bistatic_po(middles, normals, areas, sent, at, WAVELENGTH, channel)
             exact.append(complex(facets.sum()) * legs)

@@ -9,7 +9,7 @@ from sarmitsuba.signal.focusing.focusers.backprojection import backproject
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry
-from sarmitsuba.truth.validation.chain import Parameter, make_scene, unwarned
+from sarmitsuba.truth.validation.chain import Parameter, make_scene, suppress_warnings
 from sarmitsuba.truth.validation.comparison import Case, Comparison
 
 RANGE, SPEED, PRF, FREQUENCY = 10e3, 100.0, 100.0, 9.65e9
@@ -33,7 +33,7 @@ def response(turns: F64, n_pulses: int, **timing: Parameter) -> F64:
         "image_extent_range": 300.0,
         **timing,
     }
-    with unwarned():  # of the prf, which is the point
+    with suppress_warnings():  # of the prf, which is the point
         scene = make_scene(None, (), values, points=(PointTarget("p", np.zeros(3), 1.0),))
         raw = simulate(scene)
     along = raw.radar.track.along

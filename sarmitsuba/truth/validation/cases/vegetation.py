@@ -18,7 +18,7 @@ from sarmitsuba.signal.image import SarImage
 from sarmitsuba.simulation.execution.render import render
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation.cases import CASES, CaseEntry
-from sarmitsuba.truth.validation.chain import unwarned
+from sarmitsuba.truth.validation.chain import suppress_warnings
 from sarmitsuba.truth.validation.comparison import Case, Comparison
 
 BANDS = {"L": 1.27e9, "C": 5.4e9, "X": 9.65e9}
@@ -50,7 +50,7 @@ def _radar(look: float, heading: float, cell: float, **more: object) -> RadarDes
 
 
 def _image(scene: Scene) -> SarImage:
-    with unwarned():
+    with suppress_warnings():
         return render(scene, range_window="rectangular", azimuth_window="rectangular")
 
 

@@ -36,7 +36,7 @@ def _aspects(directions: F64) -> Aspects:
     return Aspects(np.arctan2(directions[:, 1], directions[:, 0]), np.arcsin(directions[:, 2]))
 
 
-def _closed(line: WireTarget, directions: F64) -> C128:
+def _evaluate_closed_form(line: WireTarget, directions: F64) -> C128:
     """(n, 3) amplitudes in ``CHANNELS``, m, phase about the middle."""
     rows = []
     for s in directions:
@@ -61,7 +61,7 @@ def drawn_rod(rng: np.random.Generator, ka: float, permittivity: complex | None)
     return WireTarget("rod", middle - half, middle + half, radius, permittivity)
 
 
-def beside_broadside(rng: np.random.Generator, line: WireTarget, lobes: F64) -> F64:
+def draw_beside_broadside(rng: np.random.Generator, line: WireTarget, lobes: F64) -> F64:
     """Random directions to the radar (n, 3), off broadside by multiples ``lobes`` of the main lobe's half width."""
     axis = (line.end - line.start) / line.length
     out = []
@@ -79,9 +79,9 @@ def rods(quick: bool = False) -> Case:
     for number, (label, ka, permittivity) in enumerate(RODS):
         rng = np.random.default_rng([17, 4, number])
         line = drawn_rod(rng, ka, permittivity)
-        directions = beside_broadside(rng, line, lobes)
+        directions = draw_beside_broadside(rng, line, lobes)
         result = rcs_sweep(_scene(line), _aspects(directions), channels=CHANNELS, checked=0)
-        closed = _closed(line, directions)
+        closed = _evaluate_closed_form(line, directions)
         for i, channel in enumerate(CHANNELS):
             comparisons.append(
                 Comparison(

@@ -37,12 +37,12 @@ def plate() -> Mesh:
 def thick_plate() -> Mesh:
     """Box in place of that rectangle."""
     x, z = 0.5 * PLATE_THICKNESS, 0.5 * PLATE_HEIGHT
-    return _extruded([(x, -z), (x, z), (-x, z), (-x, -z)], 0.5 * PLATE_WIDTH)
+    return _extrude_outline([(x, -z), (x, z), (-x, z), (-x, -z)], 0.5 * PLATE_WIDTH)
 
 
 def prism() -> Mesh:
     """Hexagon in the x-z plane extruded along y, without its front open."""
-    return _extruded(_hexagon(), PRISM_HALF_WIDTH)
+    return _extrude_outline(_hexagon(), PRISM_HALF_WIDTH)
 
 
 def almond() -> Mesh:
@@ -97,7 +97,7 @@ def duct() -> Mesh:
     stored = json.loads((FOLDER / "duct_walls.json").read_text(encoding="utf-8"))
     lower, upper = (1e-6 * np.asarray(stored[name], dtype=np.float64) for name in ("lower", "upper"))
     outer, inner = PRISM_HALF_WIDTH, DUCT_HALF_WIDTH
-    vertices, faces = thick = _extruded(_hexagon(), outer)
+    vertices, faces = thick = _extrude_outline(_hexagon(), outer)
     # corners of the prism's front, and those of the opening
     rim = [
         (PRISM_FRONT, y, z)
@@ -127,7 +127,7 @@ def duct() -> Mesh:
             pair = np.array([[near[i], far[i], far[i + 1]], [near[i], far[i + 1], near[i + 1]]])
             triangles.append(pair[:, ::sign])
     for y, sign in ((-inner, 1), (inner, -1)):
-        triangles.append(_between(at(lower, y), at(upper, y))[:, ::sign])
+        triangles.append(_connect_polylines(at(lower, y), at(upper, y))[:, ::sign])
     end = [
         (*wall[-1:, 0], y, *wall[-1:, 1])
         for wall, y in ((lower, -inner), (lower, inner), (upper, inner), (upper, -inner))
@@ -144,7 +144,7 @@ def _hexagon() -> list[tuple[float, float]]:
     return [*half, *((x, -z) for x, z in reversed(half))]
 
 
-def _extruded(outline: Sequence[tuple[float, float]], half_width: float) -> Mesh:
+def _extrude_outline(outline: Sequence[tuple[float, float]], half_width: float) -> Mesh:
     """Convex outline in x and z, counter-clockwise from x to z, from -half_width to half_width along y."""
     n = len(outline)
     vertices = np.array([[x, y, z] for y in (-half_width, half_width) for x, z in outline])
@@ -154,7 +154,7 @@ def _extruded(outline: Sequence[tuple[float, float]], half_width: float) -> Mesh
     return vertices, np.array(faces, dtype=np.int32)
 
 
-def _between(first: F64, second: F64) -> F64:
+def _connect_polylines(first: F64, second: F64) -> F64:
     """Triangles (n, 3, 3) of the strip between two polylines, which advance together by their lengths."""
     along = [np.cumsum([0.0, *np.linalg.norm(np.diff(line, axis=0), axis=1)]) for line in (first, second)]
     along = [s / s[-1] for s in along]

@@ -1,1 +1,0 @@
-"""Cost studies of error against run time: sweeps, model and report."""

@@ -1,1 +1,0 @@
-"""Error bars of an image, and passes of rays until a target error is reached."""
