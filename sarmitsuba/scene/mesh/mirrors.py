@@ -75,7 +75,7 @@ def _pieces(t: F64, longest: float) -> F64:
         done.append(t[~long])
         t, size = t[long], size[long]
         sliver = size.min(axis=1) <= NARROW * longest
-        done.append(_strips(t[sliver], size[sliver], (1.0 - NARROW) * longest))
+        done.append(_cut_strips(t[sliver], size[sliver], (1.0 - NARROW) * longest))
         t, place = t[~sliver], size[~sliver].argmax(axis=1)
         row = np.arange(len(t))
         apex, a, b = t[row, place], t[row, (place + 1) % 3], t[row, (place + 2) % 3]
@@ -84,7 +84,7 @@ def _pieces(t: F64, longest: float) -> F64:
     return np.concatenate(done)
 
 
-def _strips(t: F64, size: F64, longest: float) -> F64:
+def _cut_strips(t: F64, size: F64, longest: float) -> F64:
     """Triangles between points at equal distances, no longer than given, on the two long sides of slivers."""
     place, row = size.argmin(axis=1), np.arange(len(t))
     apex, a, b = t[row, place], t[row, (place + 1) % 3], t[row, (place + 2) % 3]

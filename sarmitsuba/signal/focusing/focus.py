@@ -422,7 +422,7 @@ def focus(
         task = AutofocusTask(one, grid, focuser, range_window, azimuth_window, progress)
         raw, corrections["autofocus"] = remove_error(raw, chain.autofocus, task)
     focused = focuser.focus(FocusTask(raw, grid, range_window, azimuth_window, progress))
-    law_db = _sum_db(focuser.error_db(raw.radar, grid), left_db)
+    law_db = _add_levels(focuser.error_db(raw.radar, grid), left_db)
     # of the track as recorded, whatever it was straightened to; an error that autofocus took out is in no record
     measured = raw if chain.autofocus is not None else echoes
     witness = witness_focusing(measured, focused.pixels, grid, focuser, chain.windows, law_db)
@@ -447,7 +447,7 @@ def focus(
             warnings.warn(f"focus: {text}", SarmitsubaWarning, stacklevel=2)
     stated = law_db
     if witness is not None:
-        stated = _stated_db(witness, left_db, exact=focuser.name == EXACT)
+        stated = _state_error(witness, left_db, exact=focuser.name == EXACT)
     facts = {
         "method": focuser.name,
         "stated_error_db": round(stated, 1) if np.isfinite(stated) else None,
@@ -480,20 +480,20 @@ def focus(
     )
 
 
-def _stated_db(found: Witness, left_db: float, *, exact: bool) -> float:
+def _state_error(found: Witness, left_db: float, *, exact: bool) -> float:
     """Level that the error of an image is stated to stay below, dB, from what was measured at some of its pixels.
 
     Errors gather in few pixels, some of which a sample misses: ``UNSEEN_DB`` above the measured level, or up to what
     the law foretold where that is less. Backprojection's law is a bound of its interpolation, and its sample small.
     ``left_db`` : what motion compensation leaves, by law, which gathers at the image's ends.
     """
-    upper = _sum_db(found.upper_db, left_db)
+    upper = _add_levels(found.upper_db, left_db)
     if np.isnan(found.law_db):
         return upper + UNSEEN_DB
     return max(upper, found.law_db if exact else min(upper + UNSEEN_DB, found.law_db))
 
 
-def _sum_db(first: float, second: float) -> float:
+def _add_levels(first: float, second: float) -> float:
     """Sum of two energies, dB."""
     return float(db_from_power(power_from_db(first) + power_from_db(second)))
 
