@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import ast
 import statistics
+from collections.abc import Iterable
 from pathlib import Path
 
 ENTRIES = {"catalog", "modes", "patterns", "cases"}
@@ -38,12 +39,17 @@ def list_imports(module: ast.Module) -> list[tuple[str, int]]:
     return found
 
 
+def list_rooms(names: Iterable[str]) -> set[str]:
+    """Rooms of modules that are no packages, by dotted name; folders whose entries are found by themselves apart."""
+    folders = {".".join(name.split(".")[1:-1][:2]) for name in names}
+    return {folder for folder in folders if folder and folder.rpartition(".")[2] not in ENTRIES}
+
+
 def print_figures(tree: Path) -> None:
     """Print the figures of one tree."""
     modules = read_modules(tree)
     files = [name for name, (path, _, _) in modules.items() if path.name != "__init__.py"]
-    folders = {".".join(name.split(".")[1:-1][:2]) for name in files}
-    rooms = {folder for folder in folders if folder and folder.rpartition(".")[2] not in ENTRIES}
+    rooms = list_rooms(files)
     arrows: set[tuple[str, str]] = set()
     importers: dict[str, set[str]] = {name: set() for name in modules}
     import_lines = 0

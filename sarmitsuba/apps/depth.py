@@ -61,16 +61,11 @@ class DepthStudy:
 
     def image_up_to(self, bounces: int) -> SarImage:
         """The image that ends at a number of bounces; its first channel is the study's."""
-        return self._pick(range(1, bounces + 1))
+        return pick_orders(self.image, self.channel, range(1, bounces + 1))
 
     def image_of(self, bounce: int) -> SarImage:
         """The image of one bounce order alone."""
-        return self._pick((bounce,))
-
-    def _pick(self, orders: Sequence[int]) -> SarImage:
-        kept = [i for i, a in enumerate(self.image.layers) if a.channel == self.channel and a.order in orders]
-        layers = tuple(self.image.layers[i] for i in kept)
-        return replace(self.image, data=self.image.data[kept], layers=layers)
+        return pick_orders(self.image, self.channel, (bounce,))
 
 
 def study_depth(
@@ -120,7 +115,7 @@ def study_depth(
     assert image is not None
     report("depth", 1, runs, {})
     channel = channel or image.channels[0]
-    planes = [_sum_order(image, channel, order) for order in range(1, deepest + 1)]
+    planes = [pick_orders(image, channel, (n,)).total(channel) for n in range(1, deepest + 1)]
     total = np.sum(planes, axis=0)
     energy = float(np.vdot(total, total).real)
     rows = []
@@ -146,14 +141,10 @@ def study_depth(
     return DepthStudy(scene.name, channel, image, tuple(rows))
 
 
-def _sum_order(image: SarImage, channel: str, order: int) -> C64:
-    """Plane of one bounce order of a channel, zero where no path has it."""
-    planes = [
-        plane
-        for layer, plane in zip(image.layers, image.data, strict=True)
-        if layer.channel == channel and layer.order == order
-    ]
-    return np.asarray(np.sum(planes, axis=0) if planes else np.zeros(image.grid.shape), dtype=np.complex64)
+def pick_orders(image: SarImage, channel: str, orders: Sequence[int]) -> SarImage:
+    """The part of an image of some bounce orders of one channel."""
+    kept = [i for i, layer in enumerate(image.layers) if layer.channel == channel and layer.order in orders]
+    return replace(image, data=image.data[kept], layers=tuple(image.layers[i] for i in kept))
 
 
 def _share_changed(part: C64, before: C64) -> float:

@@ -119,6 +119,11 @@ def sum_of_channel(data: C64, layers: Sequence[Layer], channel: str | None, what
     return np.asarray(data[picks].sum(axis=0, dtype=np.complex64))
 
 
+def sum_layers(data: C64, layers: Sequence[Layer]) -> C64:
+    """Sum (n_channels, ...) of the layers (n_layers, ...) of every channel."""
+    return np.stack([sum_of_channel(data, layers, c, "layers") for c in channels_of(layers)])
+
+
 @dataclass(frozen=True, eq=False)
 class RawData:
     r"""Raw data: echoes of every pulse, with radar and metadata.

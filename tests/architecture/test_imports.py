@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from tools.house import list_rooms
+
 ROOT = Path(__file__).parents[2]
 
 # an importer stands above what it imports; rooms of one line may import each other as long as there is no circle
@@ -26,8 +28,8 @@ FLOORS = (
     ("machine",),
     ("core", "version"),
 )
-# folders of the top two levels that hold modules; those of entries that are found by themselves do not count
-MOST_ROOMS, ENTRIES = 25, {"catalog", "modes", "patterns", "cases"}
+# folders of the top two levels that hold modules (tools/house.py)
+MOST_ROOMS = 25
 FLOOR = {room: i for i, rooms in enumerate(FLOORS) for room in rooms}
 # folders that import nothing else of the room they are in
 APART = (
@@ -110,12 +112,7 @@ def is_data(module: Any) -> bool:
 
 def test_rooms_are_few(house: Any) -> None:
     """Folders with modules of their own, at the top two levels."""
-    rooms = {
-        ".".join(module.folder.split(".")[1:3])
-        for module in house
-        if not module.is_package and module.room != "plugins"
-    }
-    counted = {room for room in rooms if room and room.rpartition(".")[2] not in ENTRIES}
+    counted = list_rooms(m.name for m in house if not m.is_package and m.room != "plugins")
     assert len(counted) <= MOST_ROOMS, sorted(counted)
 
 

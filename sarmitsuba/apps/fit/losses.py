@@ -11,7 +11,7 @@ import numpy as np
 from sarmitsuba.core.arrays import C64, C128, F64
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.signal.image import block_means
-from sarmitsuba.signal.raw_data import RawData
+from sarmitsuba.signal.raw_data import RawData, sum_layers
 
 if TYPE_CHECKING:
     from sarmitsuba.signal.focusing.operator import FocusingOperator
@@ -200,8 +200,4 @@ def _sum_layers(raw: RawData) -> C64:
     """Array (channels, pulses, samples) of range-compressed raw data, layers of a channel summed."""
     if raw.domain != "compressed":
         raise DataError(f"loss: raw data are {raw.domain}; take range-compressed ones, as simulate() gives")
-    channels = raw.channels
-    out = np.zeros((len(channels), *raw.data.shape[1:]), dtype=np.complex64)
-    for plane, layer in zip(raw.data, raw.layers, strict=True):
-        out[channels.index(layer.channel)] += plane
-    return out
+    return sum_layers(raw.data, raw.layers)

@@ -12,7 +12,7 @@ import time
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
@@ -36,7 +36,7 @@ from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.signal.focusing import default_grid, focus
 from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.noise import add_noise
-from sarmitsuba.signal.raw_data import Layer, RawData, channels_of, sum_of_channel
+from sarmitsuba.signal.raw_data import Layer, RawData, channels_of, sum_layers
 from sarmitsuba.simulation.execution.error_bars import (
     PASSES,
     SUBSETS,
@@ -307,11 +307,6 @@ def _check_values(data: C64, most: float) -> None:
         raise DataError(
             f"an echo of {largest:.3g} sqrt(W), over the {most:.3g} sqrt(W) that the radar could receive"
         )
-
-
-def sum_layers(data: C64, layers: Sequence[Layer]) -> C64:
-    """Sum of the layers of every channel, (n_channels, ...)."""
-    return np.stack([sum_of_channel(data, layers, c, "passes") for c in channels_of(layers)])
 
 
 STATE_FILE = "passes.npz"

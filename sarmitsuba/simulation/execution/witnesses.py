@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -23,7 +23,7 @@ from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.effects.effect import EFFECTS
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.signal.raw_data import Layer
+from sarmitsuba.signal.raw_data import sum_layers
 from sarmitsuba.simulation.execution.blocks import BOUNDARY_SCATTER_DB, EMPTY_DB, Blocks, partition, strip
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
@@ -184,7 +184,7 @@ def _trace_subset(
         shared = blocks.batches.trace(Batch(subset, start, stop, together=True), rays).profiles
     exact = blocks.batches.trace(Batch(subset, pulse, pulse + 1, together=True), rays).profiles[:, 0]
     weight = np.float32(SUBSET_SHARES[layers[0].subset])
-    return _sum_layers(shared, layers) * weight, _sum_layers(exact, layers) * weight
+    return sum_layers(shared, layers) * weight, sum_layers(exact, layers) * weight
 
 
 def _chance_of_pulses(blocks: Blocks, energy: F64) -> F64:
@@ -324,7 +324,7 @@ def _compare(
             continue
         batch = Batch(0, start, stop, together=True)
         less, more = (
-            _sum_layers(
+            sum_layers(
                 BatchTracer(tracer, rays, run.layers.per_subset, run.layers.max_order)
                 .trace(batch, lattices, only_rays=only_rays)
                 .profiles,
@@ -333,7 +333,7 @@ def _compare(
             for tracer in ways
         )
         errors.append(sum_energies(more - less))
-        energies.append(sum_energies(_sum_layers(data[:, start:stop], run.layers.layers) + more - less))
+        energies.append(sum_energies(sum_layers(data[:, start:stop], run.layers.layers) + more - less))
         traced += sum(grid.n_rays for grid in lattices)
     if not errors:
         return None
@@ -344,13 +344,6 @@ def _compare(
         UNMET / max(traced, 1)
     )  # echoes of rays as bright as the mean that none of these met
     return found and replace(found, upper_db=max(found.upper_db, unseen))
-
-
-def _sum_layers(planes: C64, layers: Sequence[Layer]) -> C64:
-    """Sum (n_channels, ...) of the layers (n_layers, ...) of every channel."""
-    channels = tuple(dict.fromkeys(layer.channel for layer in layers))
-    mine = [[i for i, layer in enumerate(layers) if layer.channel == channel] for channel in channels]
-    return np.stack([planes[pick].sum(axis=0, dtype=np.complex64) for pick in mine])
 
 
 def _worst(errors: F64, energies: F64, here: F64, law_db: float, reference: str) -> Witness | None:
