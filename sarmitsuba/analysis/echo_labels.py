@@ -22,7 +22,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.placement import ImagePlacement
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.pixel_labels import LabelLayer, LabelledInstance
-from sarmitsuba.simulation.execution.grouped_look import GroupedLook
+from sarmitsuba.simulation.execution.grouped_look import GroupedLook, drawn_sources
 from sarmitsuba.simulation.execution.image import Imager
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.tracing.kernel.path_groups import MECHANISMS
@@ -477,6 +477,5 @@ def _notes(echoes: EchoLabels) -> tuple[str, ...]:
         )
     if echoes.imager.run.plan.on("noise"):
         out.append("echoes are without receiver noise")
-    if echoes.imager.run.plan.flags.diffuse_pairs:
-        out.append("the expected level of pairs of diffuse scatterers is that of the pairs that were drawn")
-    return tuple(out)
+    drawn = [source.drawn for source in drawn_sources(echoes.imager)]
+    return (*out, *(f"the expected level of {name} is that of those that were drawn" for name in drawn))

@@ -49,6 +49,7 @@ from sarmitsuba.simulation.execution.tracing import (
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.tracing.derivatives.tangents import MOST, Displacement, StepTables, Tangents
 from sarmitsuba.tracing.kernel.source import Source
+from sarmitsuba.tracing.kernel.stage import own_stages
 
 if TYPE_CHECKING:
     from sarmitsuba.tracing.kernel.scene_tables import TraceScene
@@ -252,7 +253,7 @@ class ForwardModel:
                 f"{scene.name}: the effect antenna_pattern is off, and pointing changes nothing; switch it on, or "
                 "leave the parameter out"
             )
-        if flags.extra:
+        if own_stages(flags):
             raise SceneError(f"{scene.name}: effects of extensions cannot be differentiated; switch them off")
         assert self.run.sampling is not None and self.run.trace_scene is not None
         self.sampling: SamplingPlan = self.run.sampling

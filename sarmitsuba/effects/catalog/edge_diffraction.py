@@ -53,6 +53,7 @@ class EdgeDiffraction(Effect):
         "no sharp metal edge, or the return of the strongest and the energy of all are below the tolerance"
     )
     off_means = "physical optics alone: HH = VV, no echo of a thin plate seen edge-on"
+    hidden = "edges"
     rank = 105
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "edge_diffraction": "a separate launch: one lane for each piece of an edge and pulse",

@@ -484,9 +484,13 @@ class FarSite(Site):
     """
 
     def __init__(self, scene: Scene, flags: KernelFlags, aspects: Aspects) -> None:
-        # only pairs use it
-        super().__init__(scene, flags, geometry_of(scene) if flags.diffuse_pairs else None)
+        super().__init__(scene, flags)
         self.aspects = aspects
+
+    @cached_property
+    def trace_scene(self) -> TraceScene | None:
+        """See :class:`Site`; built for the sources that need it."""
+        return geometry_of(self.scene)
 
     @property
     def cells(self) -> tuple[float, float]:

@@ -59,8 +59,7 @@ from sarmitsuba.simulation.planning.sampling.density_plan import FINE_RAYS, RAYS
 from sarmitsuba.simulation.planning.sampling.rays import MOST_TRACED, finer_spacing, worst
 from sarmitsuba.tracing.kernel.source import Source
 from sarmitsuba.tracing.kernel.stage import STAGES
-from sarmitsuba.tracing.scatterers.pairs.pair_estimate import pair_level
-from sarmitsuba.tracing.scatterers.sources import passages_of, sources_of
+from sarmitsuba.tracing.scatterers.sources import measure_sources, passages_of, sources_of
 
 # cosine of the elevation below which H and V are defined by the azimuth, since the direction is nearly vertical
 STEEP = 1e-3
@@ -430,10 +429,7 @@ def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple
     settings = dataclasses.replace(scene.settings, method="hybrid")
     turned = dataclasses.replace(scene, radar=radar, settings=settings)
     plan = plan_effects(turned, warn=False)
-    pairs = None
-    if plan.flags.diffuse_pairs and scene.settings.effects.get("diffuse_pairs") != "on":
-        pairs = pair_level(FarSite(scene, plan.flags, aspects))
-    plan = plan_effects(turned, pairs=pairs)
+    plan = plan_effects(turned, measured=measure_sources(FarSite(scene, plan.flags, aspects)))
     near = {stage.name for stage in STAGES if not stage.in_far_field}
     flags = dataclasses.replace(
         plan.flags,

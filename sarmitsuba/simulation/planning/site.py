@@ -1,11 +1,11 @@
 """The site of a run, from which its sources are made."""
 
+from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
 
 from sarmitsuba.core.arrays import F64, unit_rows
-from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.fold_sections import Folds
 from sarmitsuba.scene.mesh.sharp_edges import SharpEdges
@@ -28,7 +28,7 @@ class RunSite(Site):
     ----------
     sampling : plan of the run
     flags : of the trace kernel; None: those of the plan
-    trace_scene, pairs : see :class:`Site`
+    trace_scene, measured : see :class:`Site`
     """
 
     def __init__(
@@ -36,9 +36,9 @@ class RunSite(Site):
         sampling: SamplingPlan,
         flags: KernelFlags | None = None,
         trace_scene: TraceScene | None = None,
-        pairs: PairLevel | None = None,
+        measured: Mapping[str, object] | None = None,
     ) -> None:
-        super().__init__(sampling.scene, flags or sampling.flags, trace_scene, pairs)
+        super().__init__(sampling.scene, flags or sampling.flags, trace_scene, measured)
         self.sampling = sampling
 
     @property

@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.tracing.derivatives.hooks import derivatives_of
@@ -81,6 +81,20 @@ class Source(Protocol):
         """The same scatterers at another wavelength, m."""
 
 
+@runtime_checkable
+class DrawnSource(Protocol):
+    """Source whose random numbers are drawn when it is made: no other realisation of them is traced.
+
+    Attributes
+    ----------
+    mechanism : name of what its echoes are called in labels
+    drawn : what was drawn, in the plural
+    """
+
+    mechanism: ClassVar[str]
+    drawn: ClassVar[str]
+
+
 @dataclass(frozen=True, eq=False)
 class Launch:
     """One kernel launch: a source, and which part of it."""
@@ -108,6 +122,8 @@ class Scatterers(ABC):
     ----------
     n : number of scatterers
     mechanism : name of what their echoes are called in labels
+    owner, middle, face : by one of them labels find the shape of each: (n,) number of its target, of the kind's;
+        (n, 3) m, point on the side of a face of a mesh; (n, 2) rows of two faces
     """
 
     n: int

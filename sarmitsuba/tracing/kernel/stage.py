@@ -182,7 +182,7 @@ def check_stages() -> None:
 
 def stages_of(flags: KernelFlags) -> tuple[Stage, ...]:
     """Stages of the effects that are on, in the order of their names."""
-    on = (stage for stage in STAGES if stage.name in flags.extra or getattr(flags, stage.name, False))
+    on = (stage for stage in STAGES if flags.on(stage.name))
     return tuple(sorted(on, key=lambda stage: stage.name))
 
 

@@ -17,6 +17,7 @@ for a kind. Without the folder its bsdf is unknown, and all else is as before.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -25,7 +26,6 @@ import numpy as np
 
 from sarmitsuba.core.arrays import F64, unit_rows
 from sarmitsuba.core.registry import Registry
-from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.fold_sections import Folds
 from sarmitsuba.scene.mesh.sharp_edges import SharpEdges
@@ -49,7 +49,7 @@ class Site(ABC):
     scene : with the effects plan applied
     flags : of the trace kernel
     trace_scene : geometry on the device; None: sources that need it are left out
-    pairs : level of pairs of diffuse scatterers, where it is known
+    measured : what kinds of sources have measured, by name
     """
 
     def __init__(
@@ -57,9 +57,15 @@ class Site(ABC):
         scene: Scene,
         flags: KernelFlags,
         trace_scene: TraceScene | None = None,
-        pairs: PairLevel | None = None,
+        measured: Mapping[str, object] | None = None,
     ) -> None:
-        self.scene, self.flags, self.trace_scene, self.pairs = scene, flags, trace_scene, pairs
+        self.scene, self.flags, self.measured = scene, flags, measured or {}
+        self._trace_scene = trace_scene
+
+    @property
+    def trace_scene(self) -> TraceScene | None:
+        """Geometry on the device."""
+        return self._trace_scene
 
     @property
     def wavelength(self) -> float:
@@ -193,6 +199,18 @@ class SourceKind(ABC):
         Upper bounds in cropped images: sources outside the image are counted.
         """
 
+    def measures(self, flags: KernelFlags) -> bool:
+        """Whether :meth:`measure` finds something in a scene with these flags."""
+        return False
+
+    def measure(self, site: Site) -> object:
+        """Measurement before the plan: the effect of the kind decides by it (``SceneContext.measured``)."""
+        return None
+
+    def bounces(self, scene: Scene, flags: KernelFlags) -> int:
+        """Bounces of the longest path of the kind, whatever the mirrors of the scene return."""
+        return 1
+
     def passage(self, scene: Scene) -> Passage | None:
         """What the scatterers take from waves that go through them; None where they take nothing."""
         return None
@@ -217,6 +235,17 @@ def expected_sources(site: Site, sub_bands: int = 1) -> tuple[Expected, ...]:
     """Expected cost of each source of a scene; see :meth:`SourceKind.expected`."""
     expected = (kind.expected(site, sub_bands) for kind in _order_kinds())
     return tuple(each for each in expected if each is not None)
+
+
+def measure_sources(site: Site) -> dict[str, object]:
+    """Measurements of the kinds, by name; see :meth:`SourceKind.measure`."""
+    return {kind.name: kind.measure(site) for kind in _order_kinds() if kind.measures(site.flags)}
+
+
+def bounces_of(scene: Scene, flags: KernelFlags) -> int:
+    """Bounces of the longest path of any source of a scene."""
+    over_ground = most_bounces(scene) if scene.has_sources else 1
+    return max(over_ground, *(kind.bounces(scene, flags) for kind in SOURCES))
 
 
 def most_bounces(scene: Scene) -> int:

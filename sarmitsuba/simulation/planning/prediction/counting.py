@@ -2,11 +2,11 @@
 
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.machine.exclusive import threads
 from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.radar.radar import Radar
@@ -77,7 +77,7 @@ def needs_of(
     grid: ImageGrid | None = None,
     trace_scene: TraceScene | None = None,
     sub_bands: int = 1,
-    pairs: PairLevel | None = None,
+    measured: Mapping[str, object] | None = None,
 ) -> Needs:
     """Rays, bytes and seconds that a run needs.
 
@@ -88,7 +88,7 @@ def needs_of(
     grid : pixels; default: those of the scene; one pulse gives no image
     trace_scene : traced geometry; None: finer lattices over its small parts, and pairs, are left out
     sub_bands : number of frequencies that the band is traced at
-    pairs : level of pairs of diffuse scatterers, where it is known
+    measured : what kinds of sources have measured, by name
 
     Notes
     -----
@@ -99,7 +99,7 @@ def needs_of(
     if sampling is not None:
         if scene.settings.method == "image":
             sampling = sampling.of_one_look()
-        tracing = _TracingCost.of(sampling, layers, trace_scene, sub_bands, pairs)
+        tracing = _TracingCost.of(sampling, layers, trace_scene, sub_bands, measured)
     method = scene.settings.method
     if method not in ("image", "raster") and grid is None and scene.radar.track.n_pulses < 2:
         return _count_raw(scene, tracing, layers, None)
@@ -136,7 +136,7 @@ class _TracingCost:
         layers: LayerPlan,
         trace_scene: TraceScene | None,
         sub_bands: int,
-        pairs: PairLevel | None,
+        measured: Mapping[str, object] | None,
     ) -> "_TracingCost":
         """Count rays and sources; the time of finer lattices is estimated from sparse ones laid out here."""
         plain, before = lattice_rays(sampling, layers), time.process_time()
@@ -150,7 +150,7 @@ class _TracingCost:
             tuple(map(sum, zip(plain, finer, strict=True))),
             finer,
             laying + sum(plain) * USUAL_CORE.plain_node,
-            expected_sources(RunSite(sampling, None, trace_scene, pairs), sub_bands),
+            expected_sources(RunSite(sampling, None, trace_scene, measured), sub_bands),
             sub_bands,
         )
 

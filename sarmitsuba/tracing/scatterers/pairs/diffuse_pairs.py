@@ -99,7 +99,8 @@ class PairSource:
     the speckle of its two cells, as for surfaces rough against the wavelength.
     """
 
-    mechanism = "diffuse pair"
+    mechanism: ClassVar[str] = "diffuse pair"
+    drawn: ClassVar[str] = "pairs of diffuse scatterers"
 
     # kinds of parameters whose derivatives are not known: shapes that move have other pairs
     unknown: ClassVar[frozenset[str]] = frozenset({"materials", "shapes"})
