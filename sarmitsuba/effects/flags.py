@@ -40,7 +40,6 @@ class KernelFlags:
     taper: bool = True
     multi_bounce: bool = True
     motion: bool = False
-    edge_diffraction: bool = False
     texture: bool = False
     temporal: bool = False
     water_motion: bool = False

@@ -44,6 +44,8 @@ from sarmitsuba.scene.visible_faces import VisibleFaces
 STRONG_DB = 20.0
 # most flat facets that are examined, triangles before those of a plane are joined, and directions
 MOST_FACES, MOST_TRIANGLES, MOST_DIRECTIONS = 60_000, 1_000_000, 360
+# most metal faces that an image's account examines, and between which folds are followed
+MOST_IMAGE_FACES = 20_000
 # wavelengths: largest extent of a body in the Rayleigh region, and second largest of one that resonates as a wire does
 LEAST_SIZE, LEAST_WIDTH = 0.5, 0.2
 # a cause is named where its part of the mean square error is above this

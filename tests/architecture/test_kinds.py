@@ -17,11 +17,17 @@ WHOLE = {
     "wires": ("line_scatterers", "radar_wire"),
     "volumes": ("vegetation", "radar_volume"),
     "pairs": ("diffuse_pairs", ""),
+    "edges": ("edge_diffraction", ""),
 }
-# cases of the validation that import a kind, deleted with it
+# modules of the validation that import a kind, deleted with it
 CHECKS = {
-    f"sarmitsuba.truth.validation.cases.{name}": kind
-    for name, kind in {"wires": "wires", "courtyards": "pairs"}.items()
+    f"sarmitsuba.truth.validation.{name}": kind
+    for kind, names in {
+        "wires": ("cases.wires",),
+        "pairs": ("cases.courtyards",),
+        "edges": ("cases.diffraction", "cases.full_wave", "full_wave"),
+    }.items()
+    for name in names
 }
 
 RENDER = """

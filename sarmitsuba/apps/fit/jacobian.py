@@ -151,7 +151,7 @@ def jacobian(
     Notes
     -----
     Shadow boundaries and the boundaries of lit areas move with the edges that cast them, in the mean over the place of
-    the ray lattice (:mod:`sarmitsuba.tracing.scatterers.edges.edge_tangents`): on all legs of up to three bounces, but
+    the ray lattice (:mod:`sarmitsuba.tracing.derivatives.edge_tangents`): on all legs of up to three bounces, but
     not what hides a
     diffuse scatterer that is lit over a mirror from the antenna. Of displacements it ignores the change of amplitudes
     by spreading and beam, which is :math:`\lambda / 4 \pi R` of the change of phase. Within a block of pulses that

@@ -23,12 +23,12 @@ from sarmitsuba.apps.fit.mirror_facets import MirrorFacets
 from sarmitsuba.core.arrays import C64, F32, F64, I64, U32, unit_rows
 from sarmitsuba.scene.mesh.facet_edges import FacetEdges
 from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, EveryPulse, KeyPulse, Pulses, Traced
+from sarmitsuba.tracing.derivatives.edge_state import SHADOWED
 from sarmitsuba.tracing.derivatives.tangent_slots import EDGE_SHAPES, NO_SHAPE, ROW, SlotTangents
 from sarmitsuba.tracing.derivatives.tangents import Displacement, Tangents
 from sarmitsuba.tracing.kernel.first_facets import first_facets
 from sarmitsuba.tracing.kernel.intersector import leave_surface
 from sarmitsuba.tracing.kernel.launch import EdgeSamples, LatticeLevel, LaunchFrame, LaunchGrid, project
-from sarmitsuba.tracing.scatterers.edges.edge_state import SHADOWED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -59,7 +59,7 @@ from sarmitsuba.simulation.planning.sampling.density_plan import FINE_RAYS, RAYS
 from sarmitsuba.simulation.planning.sampling.rays import MOST_TRACED, finer_spacing, worst
 from sarmitsuba.tracing.kernel.source import Source
 from sarmitsuba.tracing.kernel.stage import STAGES
-from sarmitsuba.tracing.scatterers.sources import measure_sources, passages_of, sources_of
+from sarmitsuba.tracing.scatterers.sources import measure_sources, notes_of, passages_of, sources_of
 
 # cosine of the elevation below which H and V are defined by the azimuth, since the direction is nearly vertical
 STEEP = 1e-3
@@ -256,8 +256,7 @@ class _AspectTracing:
         left_db = -np.inf
         if left is not None:
             notes, left_db = left.notes(self.scene.name, tracing.depth), left.after(tracing.depth)
-        if self.flags.edge_diffraction and self.site.edges.joined_text:
-            notes += (f"{self.scene.name}: {self.site.edges.joined_text}",)
+        notes += tuple(f"{self.scene.name}: {note}" for note in notes_of(self.site))
         return _TracedAspects(tracing, result, left_db, (np.nan,) * len(self.flags.channels), notes)
 
     def amplitudes(self, aspects: Aspects, realisation: int) -> RcsResult:

@@ -17,7 +17,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from sarmitsuba.machine.backend import dr, mi
+from sarmitsuba.tracing.derivatives import edge_tangents
 from sarmitsuba.tracing.derivatives.adjoint_echoes import recording
+from sarmitsuba.tracing.derivatives.edge_state import EdgeLane
 from sarmitsuba.tracing.derivatives.hooks import Derivatives
 from sarmitsuba.tracing.derivatives.leg_tangents import differentiate_legs
 from sarmitsuba.tracing.derivatives.range_tangents import (
@@ -34,8 +36,6 @@ from sarmitsuba.tracing.kernel.propagation import mirror, pass_foci, reflect, th
 from sarmitsuba.tracing.kernel.scene_tables import MATERIAL_MASK
 from sarmitsuba.tracing.kernel.stage import coherent_loss
 from sarmitsuba.tracing.kernel.table_rows import MaterialRow, SlabRow
-from sarmitsuba.tracing.scatterers.edges import edge_tangents
-from sarmitsuba.tracing.scatterers.edges.edge_state import EdgeLane
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

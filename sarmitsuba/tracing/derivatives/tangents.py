@@ -18,19 +18,19 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.machine.backend import dr, mi
+from sarmitsuba.tracing.derivatives.edge_state import EdgeState  # at run time, like the next
 from sarmitsuba.tracing.kernel.device_arrays import device_array
 from sarmitsuba.tracing.kernel.field import ComplexVector  # as the next
 from sarmitsuba.tracing.kernel.movement import (
     Movement,
     ShadowBoundary,
 )  # at run time: Dr.Jit reads the types of loop states
-from sarmitsuba.tracing.scatterers.edges.edge_state import EdgeState  # at run time, like the next
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from sarmitsuba.tracing.derivatives.edge_state import EdgeLane
     from sarmitsuba.tracing.kernel.scene_tables import TraceScene
-    from sarmitsuba.tracing.scatterers.edges.edge_state import EdgeLane
 
 Number = TypeVar("Number")
 # per channel, values of the fixed tensors of a diffuse scatterer
@@ -315,7 +315,7 @@ class Carried(ABC):
     pointing : whether echoes carry derivatives by the angles of the beam
     rates : whether echoes carry derivatives of their range rates
     mapped : whether echoes carry the shares of texels in their level
-    beside_edges : whether rays are those beside edges, see :mod:`sarmitsuba.tracing.scatterers.edges.edge_tangents`
+    beside_edges : whether rays are those beside edges, see :mod:`sarmitsuba.tracing.derivatives.edge_tangents`
     """
 
     antenna: tuple[mi.Vector3d, ...]

@@ -17,28 +17,26 @@ for a kind. Without the folder its bsdf is unknown, and all else is as before.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, TypeVar, cast
 
 import numpy as np
 
 from sarmitsuba.core.arrays import F64, unit_rows
 from sarmitsuba.core.registry import Registry
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.effects.fold_sections import Folds
-from sarmitsuba.scene.mesh.sharp_edges import SharpEdges
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene
 from sarmitsuba.tracing.kernel.source import Source
-from sarmitsuba.tracing.scatterers.edges.fold_waves import FoldWaves
 from sarmitsuba.tracing.scatterers.slabs.passage import Passage
 
 # antenna positions from which folds are examined
 MOST_LOOKS = 1000
 # the scatterer itself, and the ground on the incident and on the scattered leg
 MOST_BOUNCES = 3
+Made = TypeVar("Made")
 
 
 class Site(ABC):
@@ -89,22 +87,25 @@ class Site(ABC):
 
     @property
     @abstractmethod
-    def edges(self) -> SharpEdges:
-        """Sharp metal edges of the scene, in pieces."""
+    def half_cell(self) -> float:
+        """Half a resolution cell, m, the most that one scatterer may represent; infinite where it is unresolved."""
 
     @property
     @abstractmethod
-    def folds(self) -> Folds:
-        """Folds whose waves are followed beyond rays; none without edges' waves, or with a receiver apart."""
+    def spacing(self) -> float:
+        """Spacing of the coherent rays of surfaces, m; 0 where it does not matter."""
 
     @cached_property
-    def fold_waves(self) -> FoldWaves | None:
-        """Waves of the folds, which several tracings share; None without any."""
-        if not self.folds.n:
-            return None
-        towards = self.towards(self.folds.middle.mean(axis=0))
-        waves = FoldWaves(self.folds, self.wavelength, towards, 0.5 * self.resolution)
-        return waves if waves.n else None
+    def kept(self) -> dict[tuple[str, KernelFlags], object]:
+        """Results of :meth:`once`."""
+        return {}
+
+    def once(self, name: str, make: Callable[[], Made]) -> Made:
+        """Result of ``make``, the same object in all tracings and forecasts with this scene, sampling and flags."""
+        key = name, self.flags
+        if key not in self.kept:
+            self.kept[key] = make()
+        return cast(Made, self.kept[key])
 
     def towards(self, point: F64) -> F64:
         """Unit vectors (n, 3) from a point to the antenna along the track, at most ``MOST_LOOKS``."""
@@ -207,6 +208,10 @@ class SourceKind(ABC):
         """Measurement before the plan: the effect of the kind decides by it (``SceneContext.measured``)."""
         return None
 
+    def note(self, site: Site) -> str:
+        """What was assumed of the kind in a scene, for the user; empty: nothing."""
+        return ""
+
     def bounces(self, scene: Scene, flags: KernelFlags) -> int:
         """Bounces of the longest path of the kind, whatever the mirrors of the scene return."""
         return 1
@@ -240,6 +245,11 @@ def expected_sources(site: Site, sub_bands: int = 1) -> tuple[Expected, ...]:
 def measure_sources(site: Site) -> dict[str, object]:
     """Measurements of the kinds, by name; see :meth:`SourceKind.measure`."""
     return {kind.name: kind.measure(site) for kind in _order_kinds() if kind.measures(site.flags)}
+
+
+def notes_of(site: Site) -> tuple[str, ...]:
+    """Notes of the kinds; see :meth:`SourceKind.note`."""
+    return tuple(note for kind in _order_kinds() if (note := kind.note(site)))
 
 
 def bounces_of(scene: Scene, flags: KernelFlags) -> int:

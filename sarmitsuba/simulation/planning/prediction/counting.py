@@ -23,7 +23,6 @@ from sarmitsuba.signal.focusing.focuser import (
     look_bytes,
     parse_focuser,
 )
-from sarmitsuba.signal.focusing.focusers.backprojection import Backprojection
 from sarmitsuba.signal.focusing.look import look_size
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.simulation.execution.layers import LayerPlan
@@ -59,8 +58,8 @@ RASTER_PIXEL, RASTER_PLANE = 16, 60
 RASTER_SHARE, FORMED_PIXEL = 0.1, 2.1e-7
 # seconds of a run of any size: lattices, sources, the first transforms; and of an ideal point's pulse
 SETUP, FIRST_FOCUS, POINT_PULSE = 0.07, 0.04, 1e-7
-# seconds of a sample's noise, and of its range upsampled for focusing
-NOISE_SAMPLE, UPSAMPLED = 8e-8, 1.5e-7
+# seconds of a sample's noise
+NOISE_SAMPLE = 8e-8
 # seconds of the first finer lattice of a process over those of the next
 FIRST_LAID = 0.2
 # share of a run's rays and contributions that one witness may take, and rays that it may take in short runs where error
@@ -278,12 +277,7 @@ def _count_raw(
     if radar.noise_temperature > 0.0:
         after["noise"] = samples * NOISE_SAMPLE
     if grid and focuser:
-        if isinstance(focuser, Backprojection):
-            pixel_pulses = float(np.prod(shape)) * n_layers * n_pulses * focuser.effort(radar, grid)
-            forming = USUAL_CORE.stages(Work(pixel_pulses=pixel_pulses))["focus"]
-        else:
-            forming = n_layers * focuser.cpu_seconds(radar.start_stop(), grid)
-        after["focus"] = FIRST_FOCUS + samples * UPSAMPLED + forming
+        after["focus"] = FIRST_FOCUS + n_layers * focuser.cpu_seconds(radar.start_stop(), grid)
     if tracing is None:
         return Needs(
             name=scene.name,

@@ -30,15 +30,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from sarmitsuba.machine.backend import dr, mi
+from sarmitsuba.tracing.derivatives.edge_state import SHADOWED, EdgeState
 from sarmitsuba.tracing.derivatives.tangents import EchoDerivative
 from sarmitsuba.tracing.kernel.device_arrays import device_array
-from sarmitsuba.tracing.scatterers.edges.edge_state import SHADOWED, EdgeState
 
 if TYPE_CHECKING:
+    from sarmitsuba.tracing.derivatives.edge_state import EdgeLane
     from sarmitsuba.tracing.derivatives.tangents import Carried, RayDerivative
     from sarmitsuba.tracing.kernel.launch import EdgeSamples
     from sarmitsuba.tracing.kernel.state import Hit, Lane, RayState
-    from sarmitsuba.tracing.scatterers.edges.edge_state import EdgeLane
 
 
 def begin_edge(
