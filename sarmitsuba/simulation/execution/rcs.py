@@ -46,12 +46,12 @@ from sarmitsuba.tracing.kernel.launch import (
     lattice,
     project,
 )
+from sarmitsuba.tracing.kernel.passage import Passage
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.tracing.kernel.source import Source, launches
 from sarmitsuba.tracing.kernel.staged import through_stages
 from sarmitsuba.tracing.kernel.state import Kernel
 from sarmitsuba.tracing.kernel.surfaces import Surfaces
-from sarmitsuba.tracing.scatterers.slabs.passage import Passage
 from sarmitsuba.tracing.scatterers.sources import Site, passages_of
 
 # lanes of one launch: few enough for progress to be seen, many enough that the launch itself costs nothing

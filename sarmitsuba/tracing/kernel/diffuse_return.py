@@ -26,7 +26,7 @@ from sarmitsuba.tracing.kernel.state import (
     TubeFootprint,
 )
 from sarmitsuba.tracing.kernel.table_rows import MaterialRow
-from sarmitsuba.tracing.scatterers.water.temporal import Age
+from sarmitsuba.tracing.kernel.temporal import Age
 from sarmitsuba.tracing.scatterers.water.wind_waves import WaterTables
 
 if TYPE_CHECKING:

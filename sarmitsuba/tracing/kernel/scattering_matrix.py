@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.tracing.kernel.table_rows import MaterialRow
-    from sarmitsuba.tracing.scatterers.water.temporal import Age
+    from sarmitsuba.tracing.kernel.temporal import Age
 
 
 Dyad: TypeAlias = "tuple[mi.Complex2f, mi.Complex2f, mi.Complex2f, mi.Complex2f]"

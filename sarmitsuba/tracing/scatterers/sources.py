@@ -28,9 +28,9 @@ from sarmitsuba.core.arrays import F64, unit_rows
 from sarmitsuba.core.registry import Registry
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.tracing.kernel.passage import Passage
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene
 from sarmitsuba.tracing.kernel.source import Source
-from sarmitsuba.tracing.scatterers.slabs.passage import Passage
 
 # antenna positions from which folds are examined
 MOST_LOOKS = 1000

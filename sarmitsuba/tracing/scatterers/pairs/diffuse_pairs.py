@@ -42,8 +42,8 @@ from sarmitsuba.tracing.kernel.source import MAX_LANES, Part
 from sarmitsuba.tracing.kernel.speckle import mix
 from sarmitsuba.tracing.kernel.state import SCATTERER, Contribution, Kernel
 from sarmitsuba.tracing.kernel.table_rows import FaceRow, MaterialRow
+from sarmitsuba.tracing.kernel.temporal import Age
 from sarmitsuba.tracing.scatterers.pairs.pair_search import FACING, SurfacePairs
-from sarmitsuba.tracing.scatterers.water.temporal import Age
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags

@@ -16,13 +16,13 @@ from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.device_arrays import device_array, vector_rows
 from sarmitsuba.tracing.kernel.intersector import intersector, query_ray
 from sarmitsuba.tracing.kernel.leg import Leg
+from sarmitsuba.tracing.kernel.passage import Passage
 from sarmitsuba.tracing.kernel.scattering_matrix import Drawn, one_term
 from sarmitsuba.tracing.kernel.source import PointSource, Scatterers, Source
 from sarmitsuba.tracing.kernel.speckle import gaussian, mix
-from sarmitsuba.tracing.scatterers.slabs.passage import Passage
+from sarmitsuba.tracing.kernel.temporal import Age
 from sarmitsuba.tracing.scatterers.sources import SOURCES, Expected, Site, SourceKind, most_bounces
 from sarmitsuba.tracing.scatterers.volumes.kind import Volume, volumes_of
-from sarmitsuba.tracing.scatterers.water.temporal import Age
 
 if TYPE_CHECKING:
     from sarmitsuba.scene.materials.vegetation.canopy import VolumeMedium
@@ -207,7 +207,7 @@ class VolumePassage:
         active: mi.Bool,
         fields: tuple[field.ComplexVector, ...],
     ) -> tuple[field.ComplexVector, ...]:
-        """See :class:`sarmitsuba.tracing.scatterers.slabs.passage.Passage`."""
+        """See :class:`sarmitsuba.tracing.kernel.passage.Passage`."""
         node, share = _node(dr.abs(direction.z))
 
         def extinction(volume: mi.UInt32, medium: mi.UInt32, active: mi.Bool) -> Pair:
