@@ -12,9 +12,9 @@ import tracemalloc
 from dataclasses import dataclass, replace
 from typing import Any
 
-import harness
 import numpy as np
 
+from benchmarks.support import harness
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.progress import silent
 from sarmitsuba.machine.backend import dr

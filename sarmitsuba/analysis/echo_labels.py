@@ -1,6 +1,6 @@
 """Labels of pixels from the paths whose echoes make them: mechanism, shape and material, level without speckle.
 
-Boxes of shapes in an image, the share of each that the antenna sees, and the pixels in its shadow alone.
+Boxes of shapes have the share of the shape that the antenna sees, and the pixels in its shadow.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -217,7 +217,7 @@ class EchoShares:
 
 
 class EchoLabels:
-    """Traced echoes of a scene in an image, by what they come from.
+    """Traced echoes of a scene in an image, by their origin.
 
     Parameters
     ----------
@@ -308,7 +308,7 @@ def echo_labels(
     -------
     layers : by name, see docs/labels.md
     instances : every shape of the scene
-    notes : what they leave out; where method ``image`` cannot show the scene, that alone
+    notes : parts that they leave out; where method ``image`` cannot show the scene, that alone
 
     Notes
     -----
@@ -469,7 +469,7 @@ def _make_expected_layers(echoes: EchoLabels, energy: F32) -> dict[str, LabelLay
 
 
 def _notes(echoes: EchoLabels) -> tuple[str, ...]:
-    """What the labels of echoes leave out."""
+    """Notes on parts that the labels of echoes leave out."""
     out = []
     if echoes.scene.settings.method != "image":
         out.append(

@@ -72,7 +72,7 @@ class Witness:
 
     @property
     def contradicts(self) -> bool:
-        """Whether the error lies more than ``CONTRADICTION_DB`` above what the law foretold."""
+        """Whether the error lies more than ``CONTRADICTION_DB`` above the law's prediction."""
         return self.error_db > self.law_db + CONTRADICTION_DB
 
     @property

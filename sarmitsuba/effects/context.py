@@ -1,7 +1,4 @@
-"""Context in which effects are decided: properties of scene and radar, and results of a pilot trace.
-
-Search for slabs that transmit waves to objects behind them.
-"""
+"""Context in which effects are decided: scene and radar, a pilot trace, and slabs that waves pass to objects behind."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -282,7 +279,7 @@ class SceneContext:
     sampling : of the full run, None before it is known
     pilot : result of the pilot trace, None without one
     known_shape : analysis of the geometry, None to compute it
-    measured : what kinds of sources have measured, by name
+    measured : measurements of kinds of sources, by name
     draft : the decisions only prepare a pilot trace: effects that do not change it may stay on without assessment
     """
 

@@ -1,4 +1,4 @@
-"""Interface of effects; each is defined in one file of ``effects/catalog``, or in ``kind.py`` of a kind of scatterers."""
+"""Interface of effects; each is one file of ``effects/catalog``, or ``kind.py`` of a kind of scatterers."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping

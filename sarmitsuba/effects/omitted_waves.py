@@ -162,8 +162,8 @@ def metal_lines(corners: F64, reflection: F64, wavelength: float) -> MetalLines:
 
     Notes
     -----
-    Ignores what hides a line, and which faces touch others that do not share their edges. Every triangle counts with
-    its own smooth piece of surface; a piece of several materials reflects as its mean.
+    Ignores bodies that hide a line, and which faces touch others that do not share their edges. Every triangle counts
+    with its own smooth piece of surface; a piece of several materials reflects as its mean.
     """
     corners = np.asarray(corners, dtype=np.float64)
     vertex = weld(corners.reshape(-1, 3))

@@ -205,7 +205,7 @@ def plan_effects(
     sampling : of the run; without it, effects that depend on it stay on
     pilot : result of a pilot trace; without it, static context and safe defaults decide
     shape : analysis of the scene's geometry, None to compute it
-    measured : what kinds of sources have measured, by name
+    measured : measurements of kinds of sources, by name
     warn : issue a ``SarmitsubaWarning`` for explicit settings that cost more than the tolerance
     up_to : last rank to decide, None for all; effects not decided stay on
     draft : see :class:`SceneContext`

@@ -166,7 +166,7 @@ def theory_error(
     wavelength: float,
     waves: SimulatedWaves,
 ) -> TheoryError:
-    """Expected error of a simulated pattern by what physical optics and edge waves leave out.
+    """Expected error of a simulated pattern by waves beyond physical optics and edge waves.
 
     Parameters
     ----------
@@ -179,9 +179,9 @@ def theory_error(
 
     Notes
     -----
-    Missing waves count by the laws of :mod:`sarmitsuba.effects.omitted_waves`, repeated bounces by a share of what they
-    return; their energies add. Not known: bodies smaller than half a wavelength or thinner than a fifth both ways,
-    bodies of a dielectric (waves inside are not simulated), and targets of more than ``MOST_FACES`` triangles.
+    Missing waves count by the laws of :mod:`sarmitsuba.effects.omitted_waves`, repeated bounces by a share of the echo
+    that they return; their energies add. Not known: bodies smaller than half a wavelength or thinner than a fifth both
+    ways, bodies of a dielectric (waves inside are not simulated), and targets of more than ``MOST_FACES`` triangles.
     """
     shape = (len(directions), len(channels))
     counted = np.array([channel not in CROSS for channel in channels])

@@ -22,7 +22,7 @@ from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
 from sarmitsuba.simulation.planning.pilot import plan_scene
 from sarmitsuba.tracing.kernel.source import PointSource
 from sarmitsuba.tracing.scatterers.edges.diffraction import LONGEST, FringeCurrents, edges_of
-from sarmitsuba.tracing.scatterers.edges.wedge_strips import LEAST
+from sarmitsuba.tracing.scatterers.edges.edge_currents import LEAST
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation import targets
 from tests.support.draws import few_of

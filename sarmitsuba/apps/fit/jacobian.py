@@ -132,7 +132,8 @@ def jacobian(
     ----------
     scene : as loaded, a scene file, or the name of a shipped scene
     parameters : text such as ``"levels,track:5"``, or texts and objects, see :func:`sarmitsuba.apps.fit.parsing.parse`
-    edges : with what the edges of moving shapes hide and show; without, the derivatives of a town take a few runs less
+    edges : with the parts that the edges of moving shapes hide and show; without, the derivatives of a town take a few
+    runs less
     witness : whether the derivatives by each kind of parameter are measured against a central difference: two plain
         runs each, and for moving shapes their derivatives without edges
     progress : called with the share that is done

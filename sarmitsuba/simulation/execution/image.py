@@ -397,7 +397,7 @@ class Imager:
                 data[i] += noise * look.gain * np.float32(SUBSET_SHARES[layers[i].subset])
 
     def _look_cells(self) -> AzimuthCells:
-        """Resolution cells of the image: of every pixel's own aperture, or of one response for all."""
+        """Resolution cells of the image: of every pixel's aperture, or of one response for all."""
         if self.look.grid.fan is None:
             return self._middle_cells()
         radar, window = self.run.scene.radar, self.windows[1]

@@ -1,6 +1,6 @@
 """Radar cross section over look directions: the trace kernel in the far field, without pulses or images.
 
-Targets in the far field: aspect angles, centre and outline of a target, and the site from which sources are made.
+A target has aspect angles, a centre, an outline, and a site from which its sources are made.
 """
 
 import itertools
@@ -563,7 +563,7 @@ class FarSite(Site):
 
 
 def geometry_of(scene: Scene) -> TraceScene | None:
-    """Mesh of a scene on the device, with what attenuates waves; None where there is neither."""
+    """Mesh of a scene on the device, with attenuating volumes; None where there is neither."""
     passages = passages_of(scene)
     if not scene.geometry.n_faces and not passages:
         return None

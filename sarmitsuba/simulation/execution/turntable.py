@@ -1,9 +1,7 @@
-"""Radar cross section of a target over aspect angles.
+"""Radar cross section of a target over aspect angles, and its inverse-SAR image from a sweep of azimuth.
 
 Azimuth is counted from +x (east) towards +y (north) and elevation from the horizontal upwards, both of the direction
 from the target to the radar. Phase is referred to the centre of all visible objects.
-
-Inverse-SAR (turntable) image of a target from a sweep of azimuth: the scene whose rendering it is.
 """
 
 import dataclasses

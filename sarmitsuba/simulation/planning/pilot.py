@@ -2,10 +2,8 @@
 
 Rays are launched in square patches about as large as a resolution cell and as dense as in the full run, so that every
 patch has the coherent sum of one pixel. Most patches are at random positions; the others are on small features of the
-geometry (separate pieces, concave edges) that random ones would miss. Patches are tapered towards their edge, else
-the edge of a patch on a smooth plane would give an echo that the plane does not have.
-
-Patches of rays of a pilot trace: their places, their launch, and the sums of their echoes.
+geometry (separate pieces, concave edges) that random ones would miss. Patches are tapered towards their edge, else the
+edge of a patch on a smooth plane would give an echo that the plane does not have.
 """
 
 from __future__ import annotations

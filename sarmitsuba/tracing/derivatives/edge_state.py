@@ -19,7 +19,7 @@ SHADOWED = 3
 
 @dataclass(frozen=True, eq=False)
 class EdgeLane:
-    """What a ray beside an edge keeps over all bounces.
+    """State of a ray beside an edge, over all bounces.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-r"""Moving boundaries of what the antenna sees: rays on both sides of the edges of shapes, weighted by their motion.
+r"""Moving boundaries of the visible surface: rays on both sides of the edges of shapes, weighted by their motion.
 
 The sum over the tubes of a lattice of spacing s is, in the mean over the lattice's place, an integral over the launch
 plane of the return F of the tube at x. Derivatives of the returns of single tubes are taken with the tubes moving along
-with what they light (:mod:`sarmitsuba.tracing.derivatives.range_tangents`). Where F jumps at the projection of an edge,
+with the lit surface (:mod:`sarmitsuba.tracing.derivatives.range_tangents`). Where F jumps at the projection of an edge,
 that leaves
 
 .. math:: \frac{1}{s^2} \oint \left( (v - u_i) F_i - (v - u_o) F_o \right) dl

@@ -2,7 +2,7 @@ r"""Derivatives of echoes by parameters, carried along their paths and recorded 
 
 An echo of amplitude a and slant range R is :math:`a \, e^{-j 4 \pi f R / c}` at the frequency f. Its derivative by a
 parameter needs :math:`a \, \partial R`, :math:`\partial a`, or both. The kernel records each of these as further
-channels of the echo's own cells, so that one traced path serves all parameters. Where a block of pulses shares one
+channels of the echo's cells, so that one traced path serves all parameters. Where a block of pulses shares one
 tracing, :math:`a \, \partial \dot R` is recorded too: the slant range at the time :math:`\tau` from the key pulse
 changes by :math:`\partial R + \partial \dot R \, \tau`.
 """
@@ -208,7 +208,7 @@ class TangentPlan(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Tangents:
-    """What the kernel records beside every echo: displacements, levels, properties of materials, range rates.
+    """Derivatives recorded beside every echo: displacements, levels, properties of materials, range rates.
 
     Parameters
     ----------

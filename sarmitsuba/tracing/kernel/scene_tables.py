@@ -164,7 +164,7 @@ class TraceScene:
         return FaceRow.of(self.face_info, face, active).material_bits & MATERIAL_MASK
 
     def with_tables(self, *, surfaces: bool, movers: bool, slabs: bool) -> TraceScene:
-        """The scene with the tables that are wanted: a kernel does not record what its scene lacks."""
+        """The scene with the tables that are wanted: a kernel does not record tables that its scene lacks."""
         return replace(
             self,
             surfaces=self.surfaces if surfaces else None,

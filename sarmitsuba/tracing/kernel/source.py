@@ -87,8 +87,8 @@ class DrawnSource(Protocol):
 
     Attributes
     ----------
-    mechanism : name of what its echoes are called in labels
-    drawn : what was drawn, in the plural
+    mechanism : name of its echoes in labels
+    drawn : name of the drawn scatterers, in the plural
     """
 
     mechanism: ClassVar[str]
@@ -121,7 +121,7 @@ class Scatterers(ABC):
     Attributes
     ----------
     n : number of scatterers
-    mechanism : name of what their echoes are called in labels
+    mechanism : name of their echoes in labels
     owner, middle, face : by one of them labels find the shape of each: (n,) number of its target, of the kind's;
         (n, 3) m, point on the side of a face of a mesh; (n, 2) rows of two faces
     """
@@ -367,7 +367,7 @@ class PointSource:
 
 @dataclass(frozen=True, eq=False)
 class _Ground:
-    """First hit of a ray from a scatterer: point, normal facing the ray, the facet's own normal (float64), material."""
+    """First hit of a ray from a scatterer: point, normal facing the ray, the facet's normal (float64), material."""
 
     found: mi.Bool
     face: mi.UInt32

@@ -4,11 +4,11 @@ A kind of scatterers lies in one folder ``tracing/scatterers/<kind>/``. Its modu
 by their names, as a user's extension enters by its import:
 
 ``kind.py``
-    Without Mitsuba. What a scene holds (a class of :class:`sarmitsuba.scene.scatterers.Target`); its bsdf, how shapes
-    with it are read, shown, counted and labelled (a :class:`sarmitsuba.loading.scatterer_shapes.ShapeKind`, in
+    Without Mitsuba. Its objects in a scene (a class of :class:`sarmitsuba.scene.scatterers.Target`); its bsdf, how
+    shapes with it are read, shown, counted and labelled (a :class:`sarmitsuba.loading.scatterer_shapes.ShapeKind`, in
     ``SCATTERERS``); and when it is simulated (an :class:`sarmitsuba.effects.effect.Effect`, in ``EFFECTS``).
 ``source.py``
-    How it is traced and what that costs: a :class:`SourceKind` in ``SOURCES``. ``made`` turns the targets of a scene
+    Its tracing and cost: a :class:`SourceKind` in ``SOURCES``. ``make_source`` turns the targets of a scene
     into a :class:`sarmitsuba.tracing.kernel.source.Source`, mostly a ``PointSource`` of ``Scatterers``, whose
     ``mechanism`` and ``owner`` label its echoes, and whose derivatives by the legs are those of all sources.
 
@@ -47,7 +47,7 @@ class Site(ABC):
     scene : with the effects plan applied
     flags : of the trace kernel
     trace_scene : geometry on the device; None: sources that need it are left out
-    measured : what kinds of sources have measured, by name
+    measured : measurements of kinds of sources, by name
     """
 
     def __init__(
@@ -183,11 +183,11 @@ class SourceKind(ABC):
     rank: ClassVar[int] = 100
 
     @abstractmethod
-    def made(self, site: Site) -> Source | None:
+    def make_source(self, site: Site) -> Source | None:
         """Source of a scene; None where the scene has none, or the plan has switched it off."""
 
     @abstractmethod
-    def expected(self, site: Site, sub_bands: int) -> Expected | None:
+    def estimate_cost(self, site: Site, sub_bands: int) -> Expected | None:
         """Expected cost of the source, before it is made; None without one.
 
         Parameters
@@ -209,7 +209,7 @@ class SourceKind(ABC):
         return None
 
     def note(self, site: Site) -> str:
-        """What was assumed of the kind in a scene, for the user; empty: nothing."""
+        """Assumption about the kind in a scene, for the user; empty: none."""
         return ""
 
     def bounces(self, scene: Scene, flags: KernelFlags) -> int:
@@ -217,7 +217,7 @@ class SourceKind(ABC):
         return 1
 
     def passage(self, scene: Scene) -> Passage | None:
-        """What the scatterers take from waves that go through them; None where they take nothing."""
+        """Attenuation of waves that go through the scatterers; None where there is none."""
         return None
 
 
@@ -232,13 +232,13 @@ def _order_kinds() -> list[SourceKind]:
 
 def sources_of(site: Site) -> tuple[Source, ...]:
     """Sources of a scene with the effects plan applied; none in most scenes."""
-    made = (kind.made(site) for kind in _order_kinds())
+    made = (kind.make_source(site) for kind in _order_kinds())
     return tuple(source for source in made if source is not None)
 
 
 def expected_sources(site: Site, sub_bands: int = 1) -> tuple[Expected, ...]:
-    """Expected cost of each source of a scene; see :meth:`SourceKind.expected`."""
-    expected = (kind.expected(site, sub_bands) for kind in _order_kinds())
+    """Expected cost of each source of a scene; see :meth:`SourceKind.estimate_cost`."""
+    expected = (kind.estimate_cost(site, sub_bands) for kind in _order_kinds())
     return tuple(each for each in expected if each is not None)
 
 

@@ -87,7 +87,7 @@ def needs_of(
     grid : pixels; default: those of the scene; one pulse gives no image
     trace_scene : traced geometry; None: finer lattices over its small parts, and pairs, are left out
     sub_bands : number of frequencies that the band is traced at
-    measured : what kinds of sources have measured, by name
+    measured : measurements of kinds of sources, by name
 
     Notes
     -----

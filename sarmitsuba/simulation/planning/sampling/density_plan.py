@@ -245,7 +245,7 @@ class SamplingPlan:
 
     @cached_property
     def kept(self) -> dict[tuple[str, KernelFlags], object]:
-        """What kinds of sources have found for this sampling; see ``Site.once``."""
+        """Lists that kinds of sources have found for this sampling; see ``Site.once``."""
         return {}
 
     @cached_property

@@ -33,7 +33,7 @@ LEVEL = 0.98
 class EdgeDiffraction(Effect):
     r"""Edge diffraction; on where the strongest sharp metal edge, or the energy of all, is above the tolerance.
 
-    What an edge adds to physical optics in a resolution cell is at most the bound of
+    The contribution of an edge beyond physical optics in a resolution cell is at most the bound of
     :func:`sarmitsuba.effects.bounds.edge_bounds`: by the fringe coefficients of its wedge and its least lean out of
     the plane across the line of sight over the whole aperture, straight, and with one or both legs mirrored in level
     ground, times the reflection coefficient of the ground for each. The strongest edge is compared with the clutter or
@@ -134,7 +134,7 @@ def _ratio_db(power: float, reference: float) -> float:
 
 
 def _bound_edges(edges: SharpEdges, context: SceneContext, *, bounces: bool) -> _Added:
-    """Upper bounds of what edges add, with paths over the ground; energies of different paths add up."""
+    """Upper bounds of the contribution of edges, with paths over the ground; energies of different paths add up."""
     aperture = _aperture(context)
     lit = _find_lit(edges, context)
     ways = [(edges, lit, (False, False), 1.0)]

@@ -66,7 +66,7 @@ class EdgeKind(SourceKind):
 
     name, rank = "edges", 30
 
-    def made(self, site: Site) -> Source | None:
+    def make_source(self, site: Site) -> Source | None:
         """See :class:`SourceKind`."""
         if not site.flags.on(EDGES):
             return None
@@ -77,7 +77,7 @@ class EdgeKind(SourceKind):
             return None
         return PointSource(FringeCurrents(edges), most_bounces(site.scene) if site.flags.multi_bounce else 1)
 
-    def expected(self, site: Site, sub_bands: int) -> Expected | None:
+    def estimate_cost(self, site: Site, sub_bands: int) -> Expected | None:
         """Cost from the number of edges, which are found here and kept for the run."""
         n = _site_edges(site).n if site.flags.on(EDGES) else 0
         return Expected(n, 0.0, PIECE_TRACED, 0.0) if n else None
@@ -92,14 +92,14 @@ class FoldKind(SourceKind):
 
     name, rank = "folds", 31
 
-    def made(self, site: Site) -> Source | None:
+    def make_source(self, site: Site) -> Source | None:
         """See :class:`SourceKind`."""
         if not _site_folds(site).n:
             return None
         waves = _site_fold_waves(site)
         return PointSource(waves) if waves.n else None
 
-    def expected(self, site: Site, sub_bands: int) -> Expected | None:
+    def estimate_cost(self, site: Site, sub_bands: int) -> Expected | None:
         """Cost of the sections that are solved, and of the pieces of their folds."""
         folds = _site_folds(site)
         if not folds.n:

@@ -26,7 +26,7 @@ class PairKind(SourceKind):
 
     name, rank = PAIRS, 40
 
-    def made(self, site: Site) -> Source | None:
+    def make_source(self, site: Site) -> Source | None:
         """See :class:`SourceKind`."""
         if not site.flags.on(FLAG) or site.trace_scene is None:
             return None
@@ -45,7 +45,7 @@ class PairKind(SourceKind):
         """Two where they are on."""
         return 2 if flags.on(FLAG) else 1
 
-    def expected(self, site: Site, sub_bands: int) -> Expected | None:
+    def estimate_cost(self, site: Site, sub_bands: int) -> Expected | None:
         """Cost from the number of points, which depends on the level of pairs where it is known."""
         if not site.flags.on(FLAG) or site.trace_scene is None:
             return None

@@ -440,7 +440,7 @@ class VolumeCells(SourceKind):
 
     name, rank = "volumes", 20
 
-    def made(self, site: Site) -> Source | None:
+    def make_source(self, site: Site) -> Source | None:
         """See :class:`SourceKind`."""
         scene, volumes = site.scene, volumes_of(site.scene.scatterers)
         if not volumes:
@@ -448,7 +448,7 @@ class VolumeCells(SourceKind):
         scatterers = volume_scatterers(volumes, site.cell_area, scene.settings.seed, site.shares)
         return PointSource(scatterers, most_bounces(scene)) if scatterers.n else None
 
-    def expected(self, site: Site, sub_bands: int) -> Expected | None:
+    def estimate_cost(self, site: Site, sub_bands: int) -> Expected | None:
         """Cost from the number of cells in the bounding boxes, and of scatterers inside the volumes."""
         volumes, area = volumes_of(site.scene.scatterers), site.cell_area
         if not volumes:
