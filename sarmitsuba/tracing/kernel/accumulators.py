@@ -37,7 +37,7 @@ class GridAccumulator:
     off; in float64 the sum is exact to float32 whatever its order, and costs no more time.
 
     Cells hold all channels side by side, so that one packet add serves them all. On the CPU every thread adds into
-    a copy of its own and the copies are summed at the end of the launch: packet adds without atomics, an order of
+    a copy and the copies are summed at the end of the launch: packet adds without atomics, an order of
     magnitude faster than atomic ones.
 
     Parameters
