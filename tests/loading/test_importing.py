@@ -112,6 +112,13 @@ def test_pitched_roofs_have_the_volume_of_prism_and_pyramid(seed: int, tmp_path:
         )
         want = long * short * (height - rise + FOOT + share * rise)
         assert volume(model) == pytest.approx(want, rel=1e-9)  # tol: float rounding
+        # storeys end at the eaves: the default roof of 0.35 of the shorter side, at most half the house, stands on them
+        source = write_features(
+            tmp_path / "c.geojson", [feature(house, 1, **{"building:levels": 4, "roof:shape": shape})]
+        )
+        model = import_scene(source, tmp_path / "c.xml", options, force=True)
+        assert model.buildings[0].eaves == pytest.approx(12.0)
+        assert model.buildings[0].ridge == pytest.approx(12.0 + min(0.35 * short, 6.0))
     # the ridge is as long as the house, and along it unless across
     for across, length in ((False, long), (True, short)):
         tags = {"height": height, "roof:shape": "gabled", "roof:height": rise}

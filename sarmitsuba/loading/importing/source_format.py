@@ -31,6 +31,7 @@ class BuildingFootprint:
     polygon : in the coordinates of the file
     height, above : heights of its top and of its lower side over the ground, m
     roof : height of the roof, part of ``height``, m; nan: not stated
+    lacks_roof : whether ``height``, from storeys, ends at the eaves, because no height of the roof is stated
     roof_shape, across : see `sarmitsuba.loading.importing.buildings.make_roof`
     storey : height of a storey, m
     wall_material, roof_material : names in the file, or empty
@@ -42,6 +43,7 @@ class BuildingFootprint:
     height: float
     above: float = 0.0
     roof: float = np.nan
+    lacks_roof: bool = False
     roof_shape: str = ""
     across: bool = False
     storey: float = 3.0
