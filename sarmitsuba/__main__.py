@@ -69,7 +69,7 @@ def main() -> int:
 
 
 def _open_streams() -> None:
-    """Open what a parent has closed (``>&-``): files would otherwise get the numbers of the standard streams."""
+    """Open the standard streams that a parent has closed (``>&-``): files would otherwise get their numbers."""
     while (handle := os.open(os.devnull, os.O_RDWR)) <= 2:
         continue
     os.close(handle)

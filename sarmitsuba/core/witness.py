@@ -74,7 +74,7 @@ class Witness:
 
     @property
     def contradicts(self) -> bool:
-        """Whether the error lies more than ``CONTRADICTION_DB`` above what the law foretold, and is not negligible."""
+        """Whether the error lies more than ``CONTRADICTION_DB`` above the law's prediction, and is not negligible."""
         # without a law the maximum is NaN, and the comparison false
         return self.error_db > max(self.law_db + CONTRADICTION_DB, NEGLIGIBLE_DB)
 

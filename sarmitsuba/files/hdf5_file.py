@@ -1,8 +1,6 @@
-"""HDF5 files of this program: their head, guarded writing, reading of untrusted ones, and the grid of an image.
+"""HDF5 files of this program: head, guarded writing, reading of untrusted files, dataclasses, and grids of images.
 
-Dataclasses as groups of an HDF5 file, and safe reading of datasets from untrusted files.
-
-Numbers are datasets with the attributes ``unit`` and ``description``, texts are attributes of the group.
+A dataclass is a group: numbers are datasets with the attributes ``unit`` and ``description``, texts are attributes.
 """
 
 import dataclasses

@@ -117,7 +117,7 @@ def build_scene(
 
     Parameters
     ----------
-    meshes, points, wires, volumes, scatterers : what there is to see, m; triangles of trimesh by ``SceneMesh.of``
+    meshes, points, wires, volumes, scatterers : content of the scene, m; triangles of trimesh by ``SceneMesh.of``
     radar, film : the parameters of ``sar_antenna`` and ``range_film``; None takes their defaults
     settings : of the tracing; None takes the defaults and the film's ``gridding_width``
     track : antenna positions in the frame of the meshes, in place of the radar's slant range, angles, speed, prf,

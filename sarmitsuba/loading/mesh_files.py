@@ -73,7 +73,7 @@ class MeshPart:
     ----------
     name : of the part
     material : as the file names it; of a glTF part without one, the part's name; empty in files without names
-    vertices : (n_v, 3) float64, unit and axes of the file, the file's own transforms applied
+    vertices : (n_v, 3) float64, unit and axes of the file, the file's transforms applied
     faces : (n_f, 3) int32
     """
 

@@ -1,6 +1,6 @@
 """Model of a city in the scene's frame: position, ground, buildings, meshes.
 
-Attributes of buildings from OpenStreetMap tags and equivalent properties of other maps.
+Attributes of buildings come from OpenStreetMap tags and equivalent properties of other maps.
 """
 
 import re

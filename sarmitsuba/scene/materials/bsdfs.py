@@ -49,7 +49,7 @@ def named_material(
     kind : name in ``MATERIALS``
     frequency : Hz
     surface : source of its roughness and diffuse law; None for a smooth one
-    values : of the material's own parameters; missing ones have their defaults
+    values : of the material's parameters; missing ones have their defaults
     """
     entry, surface = MATERIALS[kind].at(values or {}), surface or smooth()
     if entry.thickness and not surface.thickness:

@@ -167,9 +167,9 @@ class Run:
         """
         key = (self.sampling, grid)
         if self._needs is None or self._needs[0] != key:
-            pairs = self.context.pairs if self.context is not None else None
+            measured = self.context.measured if self.context is not None else None
             needs = needs_of(
-                self.scene, self.sampling, self.layers, grid, self.trace_scene, self.plan.sub_bands, pairs
+                self.scene, self.sampling, self.layers, grid, self.trace_scene, self.plan.sub_bands, measured
             )
             self._needs = (key, needs)
         return self._needs[1]
@@ -179,9 +179,9 @@ class Run:
         settings = replace(self.scene.settings, method="image", keep_subsets=False, keep_orders=False)
         scene = replace(self.scene, settings=settings)
         sampling = self.sampling and self.sampling.obeying(scene, self.plan.flags)
-        pairs = self.context.pairs if self.context is not None else None
+        measured = self.context.measured if self.context is not None else None
         layers = LayerPlan.of(scene, self.plan)
-        return needs_of(scene, sampling, layers, None, self.trace_scene, self.plan.sub_bands, pairs)
+        return needs_of(scene, sampling, layers, None, self.trace_scene, self.plan.sub_bands, measured)
 
     def admit(self, grid: ImageGrid | None = None) -> None:
         """Refuse a run that does not fit into memory; a short one is computed by one thread.

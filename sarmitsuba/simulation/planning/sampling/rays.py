@@ -1,8 +1,7 @@
 """Ray lattices of a run, with finer ones over small parts at their positions at each pulse.
 
-Refinement of the automatic ray spacing by the measured sampling error, in place of a fixed number per wavelength.
-
-Warnings about ray spacings that are too large.
+The automatic ray spacing is refined by the measured sampling error, in place of a fixed number per wavelength;
+spacings that are too large are warned of.
 """
 
 import math
