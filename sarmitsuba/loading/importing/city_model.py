@@ -362,7 +362,8 @@ def _add_footprints(
     with_relief = []
     for number in nearest:
         building = buildings[number]
-        roof = add_building(parts, building, int(number), facades)
+        with parts.of_building(names[number]):
+            roof = add_building(parts, building, int(number), facades)
         if roof.is_flat and building.roof_shape not in ("", "flat"):
             source.assume("roofs of unsupported shapes, flat ones taken", names[number])
         if not facades.full:
@@ -441,12 +442,13 @@ def _add_solids(
         if raster is None:
             moved[:, 2] -= moved[:, 2].min()
         split = iter(np.split(moved, np.cumsum([len(ring) for ring in rings])[:-1]))
-        for part, own in solid.polygons:
-            mesh = triangulate_in_space([next(split) for _ in own])
-            if mesh is None:
-                source.skip("polygons that intersect themselves or have no area", solid.name)
-            else:
-                parts.add(part, materials[part], *mesh)
+        with parts.of_building(solid.name):
+            for part, own in solid.polygons:
+                mesh = triangulate_in_space([next(split) for _ in own])
+                if mesh is None:
+                    source.skip("polygons that intersect themselves or have no area", solid.name)
+                else:
+                    parts.add(part, materials[part], *mesh)
         made += 1
     if made and raster is None:
         source.notes.append(
