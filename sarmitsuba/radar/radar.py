@@ -90,7 +90,7 @@ class Radar:
     delay : (n_pulses,) float64, s, from transmission to reception, where antennas move on meanwhile: ``receiver`` then
         has the positions after that delay; None: start-stop, antennas at rest during a pulse
     anchor : place on the Earth of the origin of the frame of the user's file
-    burst : that the pulses are; None for modes without bursts, and for data read from a file
+    burst : that the pulses are; None for modes without bursts
     """
 
     mode: str
