@@ -242,7 +242,7 @@ def outcome(drawn: Drawn, path: Path) -> tuple[str, str]:
             table = trace_paths(scene)
             data = [table.amplitude, table.length, table.range_rate]
         elif drawn.method == "explain":
-            data = [list(explain(scene).prediction.seconds.values())]
+            data = [list(explain(scene, measured=True).prediction.seconds.values())]
         elif drawn.method in ("hybrid", "raw"):
             data = [simulate(scene).data]
         else:

@@ -157,7 +157,7 @@ def rows_of(scene: Scene, places: int, costs: bool) -> Iterator[Row]:
         clock = time.process_time if costs else None
         plan = measured_both_ways(run, scene, interval, clock=clock, most_places=places or MOST_PLACES)
     else:
-        plan = explain(scene).plan
+        plan = explain(scene, measured=True).plan
 
     def alike(switched: Scene) -> Scene:
         """With the same blocks of pulses: their length has a line of its own in the plan."""

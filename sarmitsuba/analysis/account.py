@@ -163,7 +163,7 @@ class Account:
         finer = "no single setting lowers the known error visibly"
         loose = sum(_energy(part.weight_db) for part in self.parts if not math.isnan(part.likely_db))
         if loose > 0.5 * _energy(likely_total_db(self.parts)):
-            finer += "; effects left out are only bounded, `explain` measures them"
+            finer += "; effects left out are only bounded, `explain --measure` measures them"
         if self.finer:
             again = _SIMULATING.isdisjoint(self.stages) and self.finer.cause != "focuser"
             finer = f"{'simulate again with ' * again}{self.finer}"
@@ -383,7 +383,7 @@ def _gridding(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]
 def _effects(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
     """Each effect that is off and whose error rays or images measured, on its own: a bound by a law calls for none.
 
-    Only ``explain`` measures the share of the time that one takes.
+    Only ``explain --measure`` measures the share of the time that one takes.
     """
     if part.known == UNKNOWN:
         return []

@@ -9,6 +9,7 @@ import logging
 import math
 import os
 import re
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -225,6 +226,9 @@ def open_workers(address: ClusterAddress, extensions: Sequence[str] = ()) -> Ite
     """
     if not address.scheduler:
         security = _own_certificate()
+        # queues of Dask's processes have named semaphores; where a signal ends this process, Python's tracker removes
+        # them, and would warn of each run's: it starts with the filters that stand here
+        sys.warnoptions.append("ignore:resource_tracker:UserWarning")
         # workers import modules from their folder: a shared folder could hold modules of other users
         with (
             dask.config.set(_NO_PAGES),

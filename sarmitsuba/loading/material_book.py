@@ -23,7 +23,7 @@ from sarmitsuba.scene.materials.bsdfs import (
     sionna_itu_name,
     sionna_material,
 )
-from sarmitsuba.scene.materials.diffuse import diffuse_tables
+from sarmitsuba.scene.materials.diffuse import FEW_ANGLES, diffuse_tables
 from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.materials.typical import typical_surface
@@ -104,7 +104,7 @@ class MaterialBook:
     def _check_law(self, material: Material, label: str) -> None:
         """Warn where a diffuse law is used outside its domain of validity."""
         try:
-            table = diffuse_tables(material, SPEED_OF_LIGHT / self.frequency)
+            table = diffuse_tables(material, SPEED_OF_LIGHT / self.frequency, FEW_ANGLES)
         except SceneError as error:
             raise SceneError(f"{label}: {error}") from None
         for note in table.notes:

@@ -182,6 +182,7 @@ class SarImage:
         range
     incidence_angle : (n_range,) float64, rad, at mid-aperture on the grid's plane; converts RCS to sigma0
     metadata : values for JSON
+    parts : images of the bursts that this is the mosaic of; not stored in files but those that keep bursts apart
 
     Notes
     -----
@@ -197,6 +198,7 @@ class SarImage:
     range_resolution_cell: float
     incidence_angle: F64
     metadata: Mapping[str, Any] = field(default_factory=dict)
+    parts: tuple["SarImage", ...] = ()
 
     def __repr__(self) -> str:
         grid = self.grid

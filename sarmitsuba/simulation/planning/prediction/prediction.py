@@ -419,18 +419,23 @@ class Explanation:
 
 
 @exclusive
-def explain(scene: SceneLike, *, predicted: bool = True) -> Explanation:
+def explain(scene: SceneLike, *, predicted: bool = True, measured: bool = False) -> Explanation:
     """Explanation of a scene's effects plan, with the predicted time and memory of simulation and focusing.
 
     Parameters
     ----------
     scene : as loaded, a scene file, or the name of a shipped scene
-    predicted : whether to make the prediction, which traces a part of the run
+    predicted : whether to predict time and memory, from counts and a model of speed; nothing beyond the pilot is traced
+    measured : whether to trace a part of the run for it, and every effect with and without it; takes several times
+        as long as the run where that takes seconds
     """
     scene = continue_ground(Scene.of(scene))
-    if predicted:
+    if measured:
         return Explanation(scene, *predict(scene, both_ways=True))
-    return Explanation(scene, plan_scene(scene), None)
+    if not predicted:
+        return Explanation(scene, plan_scene(scene), None)
+    run = Run(scene)
+    return Explanation(scene, run.plan, Prediction.of(run.needs()))
 
 
 def _prediction_text(prediction: Prediction) -> str:
