@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from sarmitsuba.signal.block import BlockPlan
     from sarmitsuba.signal.direct import DirectPlan
     from sarmitsuba.signal.gridding import GriddingKernel
-    from sarmitsuba.tracing.derivatives.echo_derivatives import AdjointGrids
+    from sarmitsuba.tracing.derivatives.adjoint_grids import AdjointGrids
     from sarmitsuba.tracing.kernel.source import Launch
     from sarmitsuba.tracing.kernel.state import Contribution
 
