@@ -22,7 +22,6 @@ from sarmitsuba.tracing.derivatives.tangents import NO_MATERIAL, PER_DB, Carried
 if TYPE_CHECKING:
     from sarmitsuba.tracing.derivatives.adjoint_grids import AdjointGrids
     from sarmitsuba.tracing.derivatives.tangents import Carried
-    from sarmitsuba.tracing.kernel.accumulators import GridAccumulator
     from sarmitsuba.tracing.kernel.kernel import Accumulator, LaneArrays
     from sarmitsuba.tracing.kernel.state import Contribution
 
@@ -92,7 +91,7 @@ class AdjointEchoes:
     grids : adjoint grids
     """
 
-    def __init__(self, carried: CarriedSlots, accumulator: GridAccumulator, grids: AdjointGrids) -> None:
+    def __init__(self, carried: CarriedSlots, accumulator: Accumulator, grids: AdjointGrids) -> None:
         self.plan, self.turning = carried.plan, carried.turning
         # beside edges the derivatives are factors of the echoes themselves
         self.kind = 0 if carried.beside_edges else 1
@@ -135,10 +134,10 @@ class AdjointEchoes:
         return state
 
 
-def recording(carried: Carried, accumulator: GridAccumulator) -> Accumulator:
-    """Accumulator that records the derivatives of echoes: beside them, or added to a gradient."""
+def recording(carried: Carried, accumulator: Accumulator, grids: AdjointGrids | None) -> Accumulator:
+    """Accumulator that records the derivatives of echoes: beside them, or added to a gradient by adjoint grids."""
     if isinstance(carried, CarriedSlots):
-        assert accumulator.adjoint is not None
-        return AdjointEchoes(carried, accumulator, accumulator.adjoint)
+        assert grids is not None
+        return AdjointEchoes(carried, accumulator, grids)
     assert isinstance(carried, CarriedDisplacements)
     return WithTangents(carried, accumulator)

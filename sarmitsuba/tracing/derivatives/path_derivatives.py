@@ -350,7 +350,9 @@ class PathDerivatives(Derivatives):
 def record_beside(kernel: Kernel, accumulator: GridAccumulator) -> Accumulator:
     """Accumulator that adds the derivatives of echoes beside them, or to a gradient; itself without parameters."""
     found = kernel.derivatives
-    return recording(found.carried, accumulator) if isinstance(found, PathDerivatives) else accumulator
+    if not isinstance(found, PathDerivatives):
+        return accumulator
+    return recording(found.carried, accumulator, accumulator.adjoint)
 
 
 def _straight_gains(lane: Lane, hit: Hit) -> tuple[mi.Float, ...] | None:
