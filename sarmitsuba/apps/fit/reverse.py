@@ -26,7 +26,7 @@ from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, EveryPulse, KeyPulse, Pulses, Traced
-from sarmitsuba.tracing.derivatives.adjoint_grids import AdjointGrids, GradientSum
+from sarmitsuba.tracing.derivatives.echo_derivatives import AdjointGrids, GradientSum
 from sarmitsuba.tracing.derivatives.tangent_slots import MovingShapes, SlotTangents
 
 if TYPE_CHECKING:

@@ -84,7 +84,7 @@ def find_shadowed(lane: Lane, ray: RayState, hit: Hit) -> Hit:
     """A hit that the antenna sees but for an edge, if the ray was sent there.
 
     Rays whose last leg is beside an edge are sent to its shadow. Where the edge is beside another leg too, they do not
-    come there: that leg has other rays.
+    come there: that leg has rays of its own.
     """
     edge, before = _edge_of(lane), None if ray.derivative is None else ray.derivative.edge
     assert before is not None

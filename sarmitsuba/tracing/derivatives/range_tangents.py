@@ -224,7 +224,7 @@ def differentiate_tube(
 
 
 def add_amplitude(kernel: Kernel, rate: mi.Float64, growth: mi.Complex2f) -> mi.Complex2f:
-    """Complex derivative of a slant range, from its real one and the relative one of the amplitude."""
+    """Complex derivative of a slant range, from its own and the relative one of the amplitude."""
     per = growth * (0.5 / kernel.constants.wavenumber)
     return mi.Complex2f(mi.Float(rate) - per.imag, per.real)
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from sarmitsuba.signal.block import BlockPlan
     from sarmitsuba.signal.direct import DirectPlan
     from sarmitsuba.signal.gridding import GriddingKernel
-    from sarmitsuba.tracing.derivatives.adjoint_grids import AdjointGrids
+    from sarmitsuba.tracing.derivatives.echo_derivatives import AdjointGrids
     from sarmitsuba.tracing.kernel.source import Launch
     from sarmitsuba.tracing.kernel.state import Contribution
 
@@ -37,7 +37,7 @@ class GridAccumulator:
     off; in float64 the sum is exact to float32 whatever its order, and costs no more time.
 
     Cells hold all channels side by side, so that one packet add serves them all. On the CPU every thread adds into
-    a copy and the copies are summed at the end of the launch: packet adds without atomics, an order of
+    a copy of its own and the copies are summed at the end of the launch: packet adds without atomics, an order of
     magnitude faster than atomic ones.
 
     Parameters
