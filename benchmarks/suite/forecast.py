@@ -21,6 +21,7 @@ import numpy as np
 
 from benchmarks.support import harness
 from benchmarks.support.focuser_sizes import memory
+from sarmitsuba.commands.results import add_file_needs
 from sarmitsuba.loading.library import list_scenes, resolve
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.signal.focusing import default_grid
@@ -34,7 +35,7 @@ from sarmitsuba.cli import main
 from sarmitsuba.commands import results
 from sarmitsuba.machine.memory import peak_memory
 
-found, inner = {}, results.with_files
+found, inner = {}, results.ANNOUNCED
 
 def processor():
     whose = resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN
@@ -46,14 +47,14 @@ def announced(*arguments, **options):
     found.update(before=processor(), elapsed=time.perf_counter())
     return needs
 
-results.with_files = announced
+results.ANNOUNCED = announced
 assert main(["render", "--quiet", *sys.argv[1:]]) == 0
 found["processor"], found["elapsed"] = processor() - found["before"], time.perf_counter() - found["elapsed"]
 with open(sys.argv[-1] + "/parameters.json", encoding="utf-8") as file:
     record = json.load(file)
 found.update(took=record.get("simulation", {}).get("seconds"), after=record["seconds"], peak=peak_memory())
 print(json.dumps(found))
-"""
+""".replace("ANNOUNCED", add_file_needs.__name__)
 # methods, channels, passes and sizes beside the scenes as they are shipped
 VARIANTS = {
     "tower, raw, 5 m": ("tower", "--method", "raw", "-D", "sar_antenna.azimuth_resolution=5"),
