@@ -113,7 +113,7 @@ def labels(
     Parameters
     ----------
     scene : of the image; a scene file or the name of a shipped scene is loaded
-    grid : of the image, in any frame; None: that of ``image``, else the scene's own
+    grid : of the image, in any frame; None: that of ``image``, else that of the scene
     image : whose pixels are labelled, for its grid and windows
     classes : semantic class of each shape, by its name or by a pattern of names such as ``"building*"``; None: the
         scene has no classes

@@ -14,8 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import scipy.integrate
-import scipy.ndimage
+import scipy
 from numpy.polynomial import chebyshev
 
 from sarmitsuba.core.arrays import C64, F64

@@ -405,7 +405,7 @@ class ForwardModel:
     ) -> tuple[C64, C64]:
         """Raw data (channels, pulses, samples) and derivative (n_values, channels, pulses, samples).
 
-        ``by`` : parameters to differentiate by; None: the model's own. ``edges`` : with the parts that moving edges
+        ``by`` : parameters to differentiate by; None: those of the model. ``edges`` : with the parts that moving edges
         hide and show
         """
         here = self.placed(values)
