@@ -93,7 +93,8 @@ class DetectionDocuments:
     -----
     Shapes are annotated by their pixels in the layer ``shape``, or else ``instance``, where the recipe asks for it;
     without, by the bounds of their vertices within the image. With ``boxes = "echoes"`` they are
-    annotated by the pixels of their echoes, within a resolution cell of them. Shapes of scene files are annotated where [classes] gives
+    annotated by the pixels of their echoes, within a resolution cell of them.
+    Shapes of scene files are annotated where [classes] gives
     them a class that is no ground. ``iscrowd`` is 0: each annotation is one shape, also
     those whose masks are run lengths, which pycocotools reads either way and detectors drop where it is 1.
     """
@@ -371,8 +372,8 @@ def _describe_boxes(recipe: Recipe, documents: DetectionDocuments) -> list[str]:
     n = len(documents.outside)
     return [
         *lines,
-        f"Outside of all boxes lie {100.0 * float(np.mean(documents.outside)):.1f} % of the bright energy (pixels down "
-        f"to {-10.0 * math.log10(BRIGHT):.0f} dB below the brightest; mean of {n} images with boxes), and the brightest "
+        f"Outside of all boxes lie {100.0 * float(np.mean(documents.outside)):.1f} % of the bright energy (pixels to "
+        f"{-10.0 * math.log10(BRIGHT):.0f} dB below the brightest; mean of {n} images with boxes), and the brightest "
         f"pixel of {documents.brightest_outside} of {n}.",
         "",
     ]

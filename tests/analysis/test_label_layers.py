@@ -132,7 +132,9 @@ def test_labels_print_on_one_line() -> None:
 def test_instances_of_chosen_mechanisms() -> None:
     """Of the dihedral's echoes only those of its two faces together: fewer pixels than all, and a hint for a typo."""
     scene = _scene()
-    whole, double = (sarmitsuba.labels(scene, mechanisms=m) for m in (None, ["double bounce", "wall and ground"]))
+    whole, double = (
+        sarmitsuba.labels(scene, mechanisms=m) for m in (None, ["double bounce", "wall and ground"])
+    )
     none = sarmitsuba.labels(scene, mechanisms=["point"])
     assert 0 < np.count_nonzero(double["instance"]) <= np.count_nonzero(whole["instance"])
     assert not none["instance"].any() and all(one.pixels == 0 for one in none.instances)
