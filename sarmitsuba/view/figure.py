@@ -1,9 +1,11 @@
 """Figure that shows itself in notebooks, without pyplot."""
 
 import io
+from collections.abc import Sequence
 
 import matplotlib.figure
 import numpy as np
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.ticker import MaxNLocator
 
@@ -34,13 +36,14 @@ class RoomyTicks(MaxNLocator):
     def __init__(self) -> None:
         super().__init__(nbins=5, steps=[1, 2, 2.5, 5, 10])
 
-    def tick_values(self, vmin: float, vmax: float) -> "np.ndarray":
+    def tick_values(self, vmin: float, vmax: float) -> Sequence[float]:
         """Places of the ticks between two limits."""
+        assert isinstance(self.axis, Axis)
         axes = self.axis.axes
         fit = axes.bbox.width * 100.0 / axes.figure.dpi / self.room
         self.set_params(nbins=int(np.clip(fit, 1, 5)))
         places = np.asarray(super().tick_values(vmin, vmax))
         inside = places[(places >= min(vmin, vmax)) & (places <= max(vmin, vmax))]
         if inside.size > max(fit, 1.0):
-            return inside[[np.argmin(np.abs(inside - 0.5 * (vmin + vmax)))]]
-        return places
+            return [float(inside[np.argmin(np.abs(inside - 0.5 * (vmin + vmax)))])]
+        return [float(place) for place in places]

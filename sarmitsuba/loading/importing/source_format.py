@@ -15,6 +15,7 @@ from sarmitsuba.core.parameters import one_line
 from sarmitsuba.core.registry import Registry
 from sarmitsuba.loading.importing.import_options import ImportOptions
 from sarmitsuba.loading.mesh_files import MeshPart
+from sarmitsuba.machine.regular_files import name_hint
 
 if TYPE_CHECKING:
     import shapely
@@ -150,7 +151,7 @@ def find_source(path: Path) -> SourceFormat:
             f"{one_line(path.name)}: cannot be read: {error.strerror}; check the path"
         ) from error
     if not there:
-        raise SceneError(f"{one_line(path)}: no such file or folder; check the path")
+        raise SceneError(f"{one_line(path)}: no such file or folder{name_hint(path)}; check the path")
     for entry in SOURCES:
         if suffixes & set(entry.suffixes) and (entry.folders or not folder):
             return entry
