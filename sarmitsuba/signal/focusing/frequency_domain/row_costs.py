@@ -4,6 +4,8 @@ from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import ClassVar
 
+import numpy as np
+
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.focuser import CALL_SECONDS, WEIGHT_SECONDS, Focused, Focuser, FocusTask
 from sarmitsuba.signal.focusing.frequency_domain.rows import RowsImaging
@@ -14,7 +16,9 @@ from sarmitsuba.signal.focusing.frequency_domain.track_geometry import (
     slant_grid,
     track_geometry,
 )
+from sarmitsuba.signal.focusing.frequency_domain.turning import TurningBeam, hold_beam, range_blocks, turns
 from sarmitsuba.signal.focusing.frequency_domain.weights import NODES
+from sarmitsuba.signal.focusing.windows import parse_window
 from sarmitsuba.signal.image import ImageGrid
 
 # bytes of a slant pixel: while its calibration is made in float64, that calibration, and its product with a layer
@@ -43,8 +47,20 @@ class RowsFocuser(Focuser, ABC):
 
     def focus(self, task: FocusTask) -> Focused:
         """Focus."""
-        imaging = self.imaging(task)
-        return Focused(imaging.forward(task.raw.data), imaging.pulse_weights)
+        radar, window = task.raw.radar, task.azimuth_window
+        if not turns(radar):
+            imaging = self.imaging(task)
+            return Focused(imaging.forward(task.raw.data), imaging.pulse_weights)
+        parts = []
+        for grid in range_blocks(radar, task.grid):
+            beam = TurningBeam.of(radar, grid)
+            even = replace(
+                task, grid=grid, raw=beam.unfold(task.raw, window), azimuth_window=parse_window("rectangular")
+            )
+            pixels = self.imaging(even).forward(even.raw.data)
+            parts.append(pixels * beam.scale(grid, window).astype(np.float32))
+        beam = TurningBeam.of(radar, task.grid)
+        return Focused(np.concatenate(parts, axis=2), lambda point: beam.pulse_weights(point, window))
 
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
         """Processor time: the algorithm's rate times the common work."""
@@ -55,7 +71,7 @@ class RowsFocuser(Focuser, ABC):
 
     def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
         """Peak memory in bytes while the pixels are made, pixels included."""
-        slant = slant_grid(radar, grid)
+        radar, slant = hold_beam(radar, grid), slant_grid(radar, grid)
         geometry = track_geometry(radar, slant)
         dense = replace(geometry, spacing=geometry.spacing / rate_factor(radar, slant, geometry)[0])
         rows, mapped = (int(n) for n in spectrum_rows(radar, slant, dense))

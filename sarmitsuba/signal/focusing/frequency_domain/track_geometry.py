@@ -8,14 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.core.arrays import F64, I64
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import direction_gain, look_directions
+from sarmitsuba.signal.focusing.frequency_domain.turning import turns
 from sarmitsuba.signal.focusing.grid import slant_below, slant_ranges
 from sarmitsuba.signal.image import ImageGrid
 
 # largest part of the (raised) PRF that the image's Doppler band may take: the rest is for the ripple at its edges
 _BAND_FILL = 0.6
 
-# change of the boresight's sine over the track up to which a beam counts as fixed to it: rounding
-_FIXED = 1e-9
 # two-way amplitude, over the strongest at the same pixel, above which a pulse counts for the image's Doppler band
 _LIT = 0.02
 # pulses sampled for that
@@ -109,11 +108,8 @@ def track_refusal(radar: Radar, grid: ImageGrid) -> str:
     off = np.abs(relative - (relative @ grid.along)[:, None] * grid.along).max()
     if off > 1e-4 or (track.position[-1] - track.position[0]) @ grid.along < 0.0:
         return f"the track runs {off:.3g} m off the {grid.kind} grid's horizontal axis (bound 1e-4 m)"
-    turns = float(np.ptp(radar.pointing.boresight @ radar.track.along))
-    if lit_in_turn(radar) and turns > _FIXED:
-        return "the beam turns over the track (sliding spotlight, orbit), so that pixels' apertures differ in Doppler"
     edge = abs(boresight_sine(radar)) + radar.half_aperture
-    if own_apertures(radar) and edge > _STEEPEST:
+    if own_apertures(radar) and not turns(radar) and edge > _STEEPEST:
         return (
             f"the pixels' apertures reach {np.degrees(np.arcsin(min(edge, 1.0))):.3g} degrees off broadside (bound "
             f"{np.degrees(np.arcsin(_STEEPEST)):.3g})"
