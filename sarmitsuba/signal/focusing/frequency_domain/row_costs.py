@@ -6,8 +6,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from sarmitsuba.core.arrays import C64
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.focuser import CALL_SECONDS, WEIGHT_SECONDS, Focused, Focuser, FocusTask
+from sarmitsuba.signal.focusing.frequency_domain.equivalent_track import EquivalentTrack
 from sarmitsuba.signal.focusing.frequency_domain.rows import RowsImaging
 from sarmitsuba.signal.focusing.frequency_domain.stated import spectrum_rows, spectrum_work
 from sarmitsuba.signal.focusing.frequency_domain.track_geometry import (
@@ -51,16 +53,28 @@ class RowsFocuser(Focuser, ABC):
         if not turns(radar):
             imaging = self.imaging(task)
             return Focused(imaging.forward(task.raw.data), imaging.pulse_weights)
-        parts = []
-        for grid in range_blocks(radar, task.grid):
-            beam = TurningBeam.of(radar, grid)
-            even = replace(
-                task, grid=grid, raw=beam.unfold(task.raw, window), azimuth_window=parse_window("rectangular")
-            )
-            pixels = self.imaging(even).forward(even.raw.data)
-            parts.append(pixels * beam.scale(grid, window).astype(np.float32))
         beam = TurningBeam.of(radar, task.grid)
-        return Focused(np.concatenate(parts, axis=2), lambda point: beam.pulse_weights(point, window))
+        parts = [self._sum_turning(replace(task, grid=grid)) for grid in range_blocks(radar, task.grid)]
+        pixels = np.concatenate(parts, axis=2)
+        pixels *= beam.scale(task.grid, window).astype(np.float32)
+        return Focused(pixels, lambda point: beam.pulse_weights(point, window))
+
+    def _sum_turning(self, task: FocusTask) -> C64:
+        """Sums over the pulses, not divided by their weights, of a part of an image that is lit in turn.
+
+        By a beam that turns, or from a curved track.
+        """
+        raw, radar, grid, window = task.raw, task.raw.radar, task.grid, task.azimuth_window
+        track = None if radar.track.is_straight else EquivalentTrack.of(radar, grid)
+        if track is not None:
+            raw, grid = replace(raw, radar=track.straight), track.straight_grid
+        dense = TurningBeam.of(raw.radar, grid)
+        even = replace(
+            task, grid=grid, raw=dense.unfold(raw, window), azimuth_window=parse_window("rectangular")
+        )
+        pixels = self.imaging(even).forward(even.raw.data)
+        pixels *= np.float32(dense.dense.size / dense.factor)
+        return pixels if track is None else track.resample(pixels, grid)
 
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
         """Processor time: the algorithm's rate times the common work."""
@@ -71,7 +85,7 @@ class RowsFocuser(Focuser, ABC):
 
     def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
         """Peak memory in bytes while the pixels are made, pixels included."""
-        radar, slant = hold_beam(radar, grid), slant_grid(radar, grid)
+        radar, slant = hold_beam(radar, slant_grid(radar, grid))
         geometry = track_geometry(radar, slant)
         dense = replace(geometry, spacing=geometry.spacing / rate_factor(radar, slant, geometry)[0])
         rows, mapped = (int(n) for n in spectrum_rows(radar, slant, dense))

@@ -8,6 +8,7 @@ from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import weights_difference
 from sarmitsuba.signal.focusing.frequency_domain.aperture_filter import aperture_filter
+from sarmitsuba.signal.focusing.frequency_domain.equivalent_track import EquivalentTrack
 from sarmitsuba.signal.focusing.frequency_domain.migration import Migration, residual_power
 from sarmitsuba.signal.focusing.frequency_domain.track_geometry import (
     TrackGeometry,
@@ -51,15 +52,17 @@ def stated_error_db(radar: Radar, grid: ImageGrid, law: Migration | None) -> flo
     """
     slant, turned = slant_grid(radar, grid), 0.0
     if turns(radar):
-        beam = TurningBeam.of(radar, range_blocks(radar, grid)[0])
+        block = range_blocks(radar, slant)[0]
+        beam = TurningBeam.of(radar, block)
+        turned += 0.0 if radar.track.is_straight else EquivalentTrack.of(radar, block).phase ** 2 / 3.0
         rectangular = parse_window("rectangular")
         corners = slant.positions()[:: max(1, slant.shape[0] // 2), :: max(1, slant.shape[1] // 2)]
-        turned = (
+        turned += (
             _TURNED
             + _CHANGED * beam.change_power()
             + weights_difference(radar, corners, beam.pulse_weights(corners, rectangular))
         )
-        radar = hold_beam(radar, grid)
+        radar, slant = hold_beam(radar, slant)
     geometry = track_geometry(radar, slant)
     if radar.track.n_pulses < _FEWEST_PULSES or rate_factor(radar, slant, geometry)[1] > _FOLDED:
         return float("nan")
@@ -114,7 +117,7 @@ def spectrum_work(radar: Radar, grid: ImageGrid) -> float:
 
     Samples weighted by the spectrum of their own apertures count twice before it.
     """
-    radar, slant = hold_beam(radar, grid), slant_grid(radar, grid)
+    radar, slant = hold_beam(radar, slant_grid(radar, grid))
     geometry = track_geometry(radar, slant)
     factor = rate_factor(radar, slant, geometry)[0]
     dense = replace(geometry, spacing=geometry.spacing / factor)

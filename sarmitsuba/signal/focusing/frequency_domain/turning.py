@@ -1,18 +1,20 @@
-r"""Beams that turn over a straight track (TOPS, sliding spotlight), for focusers that take one Doppler band for all pixels.
+r"""Beams that turn over a track (TOPS, sliding spotlight), for focusers that take one Doppler band for all pixels.
 
-Pixels are lit in turn, each at Doppler frequencies of its own; all of them together are wider than the PRF. Multiplied by
+Pixels are lit in turn, each at Doppler frequencies of its own; all of them together are wider than the PRF. Multiplied
+by
 
 .. math:: e^{-j k \Phi(x)}, \quad \Phi' = s_b(x),
 
-the sine of the boresight (deramping), the echoes of every place lie within the beam about zero, and a pixel's aperture is
-a filter that is the same for all: at the wavenumber :math:`k u` of a sine u off the boresight
+the sine of the boresight (deramping), the echoes of every place lie within the beam about zero, and a pixel's aperture
+is a filter that is the same for all: at the wavenumber :math:`k u` of a sine u off the boresight
 
 .. math:: H(u) = \frac{\int w(u') g(u') e^{-j a x^2 / 2 - j k u x} dx}{\int e^{-j a x^2 / 2 - j k u x} dx}, \quad
           u' = -a x / k, \quad a = k \left(\frac{\cos^3\theta}{\rho} + s_b'\right)
 
-with window and band w, the pattern g and the rate a of a point's phase. Filtered at positions closer by a whole
-factor and multiplied by :math:`e^{j k \Phi}` (reramping), the echoes are those of an isotropic antenna on a dense track
-that has seen every pixel in its aperture only.
+with window and band w, the pattern g and the rate a of a point's phase. Filtered at positions closer by a whole factor
+and multiplied by :math:`e^{j k \Phi}` (reramping), the echoes are those of an isotropic antenna on a dense track that
+has seen every pixel in its aperture only. A track in orbit is first replaced by a straight one
+(:mod:`sarmitsuba.signal.focusing.frequency_domain.equivalent_track`).
 """
 
 from dataclasses import dataclass, replace
@@ -32,6 +34,7 @@ from sarmitsuba.signal.focusing.aperture_weights import (
     direction_gain,
     look_directions,
 )
+from sarmitsuba.signal.focusing.frequency_domain.equivalent_track import EquivalentTrack, beam_sines, in_orbit
 from sarmitsuba.signal.focusing.grid import slant_below
 from sarmitsuba.signal.focusing.summed_weights import sum_at_nodes
 from sarmitsuba.signal.focusing.windows import Window, parse_window
@@ -43,24 +46,27 @@ from sarmitsuba.signal.raw_data import RawData
 _FIXED = 1e-9
 # share of the raised PRF that sines may take
 _FILL = 0.6
-# samples of the filter's weight per closer pulse, and pulses of zeros beside the track for each of the filter's half length
+# samples of the filter's weight per closer pulse; pulses of zeros beside the track for each of its half length
 _FINE, _GUARD = 4, 1.5
-# power of the filter's change over range above which an image is divided, parts at most, and their least columns
+# power of the filter's change over range above which an image is divided, most parts, and their least columns
 _CHANGE, _MOST_BLOCKS, _LEAST = 1e-6, 8, 16
-# band of the filter with the tails of the aperture's ends, over that of the aperture
-_KEPT = 2.0
+# phase that an equivalent track leaves, likewise
+_PHASE = 0.01
+# widths of a chirp of a point's rate that the filter's band reaches beyond the aperture's ends, at least
+_TAILS = 10.0
 # nodes at which summed weights are computed at most
 _MOST = 20_000
 
 
 def turns(radar: Radar) -> bool:
-    """Whether pixels are lit in turn by a beam that turns over the track."""
+    """Whether pixels are lit in turn by a beam that turns over the track, or from orbit."""
     lit = np.isfinite(radar.half_aperture) or (radar.antenna.directive and radar.mode_law.own_apertures)
-    return bool(lit and np.ptp(_sines(radar)) > _FIXED)
+    return bool(lit and (np.ptp(beam_sines(radar)) > _FIXED or in_orbit(radar)))
 
 
-def _sines(radar: Radar) -> F64:
-    return np.asarray(radar.pointing.boresight @ radar.track.along)
+def lit_from_orbit(radar: Radar) -> bool:
+    """Whether pixels are lit in turn from orbit."""
+    return in_orbit(radar) and turns(radar)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,24 +98,32 @@ class TurningBeam:
         spacing = float(np.linalg.norm((track.position[-1] - track.position[0]) / (track.n_pulses - 1)))
         nyquist = radar.waveform.wavelength / (4.0 * spacing)
         half = min(radar.half_aperture, radar.antenna.nulls[0] if radar.antenna.directive else np.inf)
-        sine = _sines(radar)
+        sine = beam_sines(radar)
         x = (track.position - slant.origin) @ slant.along
         ahead = np.array([slant.azimuth[0] - x[-1], slant.azimuth[-1] - x[0]])[:, None]
         seen = np.abs(ahead / np.hypot(ahead, slant.range[[0, -1]])).max()
-        factor = int(np.ceil(max(float(seen), float(np.abs(sine).max()) + _KEPT * half) / (_FILL * nyquist)))
-        beam = TurningBeam(radar, slant, spacing, factor, 0, half)
+        beam = TurningBeam(radar, slant, spacing, 1, 0, half)
+        widest = max(float(seen), float(np.abs(sine).max()) + beam.kept)
+        beam = replace(beam, factor=int(np.ceil(widest / (_FILL * nyquist))))
         reach = half / (beam.rate(float(slant.range[0]), 0.0))
         return replace(beam, guard=int(np.ceil(_GUARD * reach / spacing)) + 32)
 
     @property
+    def kept(self) -> float:
+        """Half of the filter's band, in sines: that of the aperture and the tails of its ends."""
+        k = 4.0 * np.pi / self.radar.waveform.wavelength
+        width = np.sqrt(self.rate(float(self.grid.range[0]), 0.0) / k)
+        return self.half + max(self.half, _TAILS * float(width))
+
+    @property
     def turn(self) -> float:
         """Change of the boresight's sine per metre of track, in the middle."""
-        sine = _sines(self.radar)
+        sine = beam_sines(self.radar)
         return float(np.polyfit(self.spacing * np.arange(sine.size), sine, 1)[0])
 
     def rate(self, rho: float, sine: float) -> float:
         """Rate a over k of a point's phase at a closest range and a sine, 1/m."""
-        return (1.0 - sine**2) ** 1.5 / rho + self.turn
+        return float((1.0 - sine**2) ** 1.5 / rho + self.turn)
 
     @property
     def dense(self) -> F64:
@@ -119,7 +133,7 @@ class TurningBeam:
 
     def phase(self, place: F64) -> F64:
         """Phi, m, at positions counted in pulses; beyond the track the beam turns on."""
-        sine = _sines(self.radar)
+        sine = beam_sines(self.radar)
         sums = self.spacing * np.concatenate([[0.0], np.cumsum(0.5 * (sine[1:] + sine[:-1]))])
         curve = scipy.interpolate.CubicSpline(np.arange(sine.size), sums)
         inside = np.clip(place, 0.0, sine.size - 1.0)
@@ -161,20 +175,11 @@ class TurningBeam:
         more = int(np.ceil(np.ptp(window.start_range) / window.sample_spacing))
         return start, int(scipy.fft.next_fast_len(window.n_samples + more))
 
-    @property
-    def elevation(self) -> float:
-        """Sine in elevation at which the beam sees the image's middle."""
-        grid, pointing = self.grid, self.radar.pointing
-        point = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2]
-        look = look_directions(self.radar, point)
-        best = int(np.argmin(np.abs(look @ self.radar.track.along - _sines(self.radar))))
-        return float(look[best] @ pointing.elevation_axis[best])
-
     def gain(self, offset: F64) -> F64:
-        """Two-way amplitude of the pattern at sines off the boresight, at the image's middle range."""
+        """Two-way amplitude of the pattern at sines off the boresight in azimuth."""
         if not self.radar.antenna.directive:
             return np.ones_like(offset)
-        return np.asarray(self.radar.antenna.two_way_amplitude(offset, np.full_like(offset, self.elevation)))
+        return np.asarray(self.radar.antenna.two_way_amplitude(offset, np.zeros_like(offset)))
 
     def filter(self, k: F64, n: int, window: Window, *, rate: float | None = None) -> C64:
         """H (n, count) at the wavenumbers of an n-point transform over the closer pulses, for k (count,), rad/m.
@@ -185,7 +190,7 @@ class TurningBeam:
         step = self.spacing / self.factor
         m, own = _FINE * n, np.isfinite(self.radar.half_aperture)
         x = (np.arange(m) - m // 2) * (step / _FINE)
-        offset = -rate * x
+        offset: F64 = np.asarray(-rate * x, dtype=np.float64)
         weight = self.gain(np.clip(offset, -1.0, 1.0))
         if own:
             weight = weight * band_weights(offset, rate * self.spacing, self.radar.half_aperture, window)
@@ -200,7 +205,7 @@ class TurningBeam:
             line = np.zeros(m, dtype=np.complex128)
             line[(used - m // 2) % m] = weight[used] * np.exp(-0.5j * a * x[used] ** 2)
             spectrum = scipy.fft.fft(line)[pick] * (step / _FINE)
-            spectrum[np.abs(wavenumber) > _KEPT * self.half * each] = 0.0
+            spectrum[np.abs(wavenumber) > self.kept * each] = 0.0
             out[:, i] = spectrum * np.exp(-0.5j * wavenumber**2 / a) / np.sqrt(2.0 * np.pi / (1j * a))
         return out
 
@@ -244,21 +249,21 @@ class TurningBeam:
         """Weight w g g_filter of every pulse in the pixels at points (..., 3), (..., n_pulses)."""
         radar = self.radar
         look = look_directions(radar, point)
-        offset = look @ radar.track.along - _sines(radar)
+        forward = radar.track.velocity / np.linalg.norm(radar.track.velocity, axis=1)[:, None]
+        offset = np.sum(look * forward, axis=-1) - beam_sines(radar)
         gain = direction_gain(radar, slice(None), look) * self.gain(np.clip(offset, -1.0, 1.0))
         if np.isinf(radar.half_aperture):
             gain = np.where(np.abs(offset) <= self.half, gain, 0.0)
         return np.asarray(aperture_weights(radar, point, window) * gain)
 
     def scale(self, grid: ImageGrid, window: Window) -> F64:
-        """Factor (n_azimuth, n_range) from pixels of the dense track to those of the beam; zero outside of it."""
+        """Inverse sum of the pulses' weights, (n_azimuth, n_range); zero outside of the beam."""
 
         def sums(nodes: ImageGrid) -> F64:
             return np.array([self.pulse_weights(line, window).sum(axis=-1) for line in nodes.positions()])
 
         total = sum_at_nodes(grid, sums, most=_MOST).at(grid).astype(np.float64)
-        number = float(self.dense.size) / self.factor
-        return np.divide(number, total, out=np.zeros(grid.shape), where=total > 1e-6 * total.max())
+        return np.divide(1.0, total, out=np.zeros(grid.shape), where=total > 1e-6 * total.max())
 
     def change_power(self, *, azimuth: bool = True) -> float:
         """Relative power of the change of the filter from the image's middle to its edges, which is ignored.
@@ -268,7 +273,7 @@ class TurningBeam:
         k = np.array([4.0 * np.pi / self.radar.waveform.wavelength])
         n, window = self.dense.size, parse_window("rectangular")
         exact = self.filter(k, n, window)
-        steepest = float(np.abs(_sines(self.radar)).max()) * azimuth
+        steepest = float(np.abs(beam_sines(self.radar)).max()) * azimuth
         worst = 0.0
         for rho in self.grid.range[[0, -1]]:
             for sine in {0.0, steepest}:
@@ -278,17 +283,23 @@ class TurningBeam:
 
 
 def range_blocks(radar: Radar, grid: ImageGrid) -> list[ImageGrid]:
-    """Parts of an image over range within which the filter hardly changes; at most eight, one of a ground grid."""
+    """Parts of an image over range within which the filter hardly changes; at most eight."""
     count = 1
-    while grid.kind == "slant" and count < _MOST_BLOCKS and grid.range.size >= 2 * _LEAST * count:
+    while count < _MOST_BLOCKS and grid.range.size >= 2 * _LEAST * count:
         first = replace(grid, range=np.array_split(grid.range, count)[0])
-        if TurningBeam.of(radar, first).change_power(azimuth=False) <= _CHANGE:
+        left = 0.0 if radar.track.is_straight else EquivalentTrack.of(radar, first).phase
+        if left <= _PHASE and TurningBeam.of(radar, first).change_power(azimuth=False) <= _CHANGE:
             break
         count *= 2
     return [replace(grid, range=part) for part in np.array_split(grid.range, count)]
 
 
 @lru_cache(maxsize=8)
-def hold_beam(radar: Radar, grid: ImageGrid) -> Radar:
-    """The radar itself, or, where its beam turns, the isotropic one on a dense track that `TurningBeam` makes of it."""
-    return TurningBeam.of(radar, grid).held_radar if turns(radar) else radar
+def hold_beam(radar: Radar, grid: ImageGrid) -> tuple[Radar, ImageGrid]:
+    """Radar and slant grid themselves, or, where the beam turns, those that `TurningBeam` makes of them."""
+    if not turns(radar):
+        return radar, grid
+    if not radar.track.is_straight:
+        track = EquivalentTrack.of(radar, grid)
+        radar, grid = track.straight, track.straight_grid
+    return TurningBeam.of(radar, grid).held_radar, grid
