@@ -1,6 +1,6 @@
 """Labels of pixels from the paths whose echoes make them: mechanism, shape and material, level without speckle.
 
-Boxes of shapes in an image, the share of each that the antenna sees, and the pixels in its shadow alone.
+Boxes of shapes have the share of the shape that the antenna sees, and the pixels in its shadow.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,7 +22,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.placement import ImagePlacement
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.pixel_labels import LabelLayer, LabelledInstance
-from sarmitsuba.simulation.execution.grouped_look import GroupedLook
+from sarmitsuba.simulation.execution.grouped_look import GroupedLook, drawn_sources
 from sarmitsuba.simulation.execution.image import Imager
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.tracing.kernel.path_groups import MECHANISMS
@@ -80,7 +80,7 @@ def _solid(scene: Scene) -> I64:
 
 
 def visible_shares(scene: Scene, grid: ImageGrid, shapes: SceneShapes) -> F64:
-    """Share of the area of each mesh that the antenna sees from the middle of its aperture, (n_shapes,) 0 ... 1.
+    """Share of the area of each object that the antenna sees from the middle of its aperture, (n_shapes,) 0 ... 1.
 
     Of ``PLACES`` places on each, evenly spread. NaN for other shapes, which have no surface.
     """
@@ -90,20 +90,20 @@ def visible_shares(scene: Scene, grid: ImageGrid, shapes: SceneShapes) -> F64:
     row_of = np.full(max(1, geometry.n_faces), -1, dtype=np.int64)
     row_of[solid] = np.arange(solid.size)
     places, rows, of = [np.zeros((0, 3))], [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    for mesh in range(len(geometry.mesh_names)):
-        place, face = surface_samples(geometry, mesh, PLACES)
+    for number in range(len(geometry.object_names)):
+        place, face = surface_samples(geometry, number, PLACES)
         kept = row_of[face] >= 0
         places.append(place[kept])
         rows.append(row_of[face[kept]])
-        of.append(np.full(int(kept.sum()), mesh))
-    place, row, mesh_of = np.concatenate(places), np.concatenate(rows), np.concatenate(of)
+        of.append(np.full(int(kept.sum()), number))
+    place, row, object_of = np.concatenate(places), np.concatenate(rows), np.concatenate(of)
     if not solid.size:
         seen = np.zeros(0, dtype=bool)
     else:
         sight = SightLines(geometry.vertices[geometry.faces[solid]])
         seen = sight.hidden_by(place, row, placement.antenna(place)) < 0
-    count = np.bincount(mesh_of, minlength=shapes.n)
-    total = np.bincount(mesh_of, seen, shapes.n)
+    count = np.bincount(object_of, minlength=shapes.n)
+    total = np.bincount(object_of, seen, shapes.n)
     out[count > 0] = total[count > 0] / count[count > 0]
     return out
 
@@ -114,8 +114,8 @@ def shadows(scene: Scene, grid: ImageGrid, shapes: SceneShapes, points: Callable
     geometry, solid = scene.geometry, _solid(scene)
     if scene.radar.all_round or not solid.size or not shapes.ground.any():
         return out
-    found, mesh = points(), geometry.face_mesh
-    hidden = np.flatnonzero(~found.seen & shapes.ground[mesh[found.found.face]])
+    found, of_face = points(), geometry.face_object
+    hidden = np.flatnonzero(~found.seen & shapes.ground[of_face[found.found.face]])
     if not hidden.size:
         return out
     row_of = np.full(geometry.n_faces, -1, dtype=np.int64)
@@ -131,9 +131,9 @@ def shadows(scene: Scene, grid: ImageGrid, shapes: SceneShapes, points: Callable
 
 
 def _hidden_by_one(geometry: Geometry, solid: I64, place: F64, face: I64, antenna: F64) -> I64:
-    """Mesh (n,) that alone hides places (n, 3), m, on faces (n,) of ``solid`` from antennas (n, 3); -1: several."""
+    """Object (n,) that alone hides places (n, 3), m, on faces (n,) of ``solid`` from antennas (n, 3); -1: several."""
     corners = geometry.vertices[geometry.faces[solid]]
-    sight, mesh = SightLines(corners), geometry.face_mesh[solid]
+    sight, of_face = SightLines(corners), geometry.face_object[solid]
     out = np.full(len(place), -2, dtype=np.int64)
     going = np.arange(len(place))
     for _ in range(_PASSED):
@@ -141,7 +141,7 @@ def _hidden_by_one(geometry: Geometry, solid: I64, place: F64, face: I64, antenn
         going, met = going[met >= 0], met[met >= 0]
         if not going.size:
             break
-        new = mesh[met]
+        new = of_face[met]
         out[going] = np.where((out[going] == -2) | (out[going] == new), new, -1)
         line = antenna[going] - place[going]
         normal = sight.normal[met]
@@ -217,7 +217,7 @@ class EchoShares:
 
 
 class EchoLabels:
-    """Traced echoes of a scene in an image, by what they come from.
+    """Traced echoes of a scene in an image, by their origin.
 
     Parameters
     ----------
@@ -308,7 +308,7 @@ def echo_labels(
     -------
     layers : by name, see docs/labels.md
     instances : every shape of the scene
-    notes : what they leave out; where method ``image`` cannot show the scene, that alone
+    notes : parts that they leave out; where method ``image`` cannot show the scene, that alone
 
     Notes
     -----
@@ -404,7 +404,7 @@ def _instances(
 
 
 def _materials_of(echoes: EchoLabels) -> list[str]:
-    """Material of the most area of each mesh; the kind of other shapes."""
+    """Material of the most area of each object; the kind of other shapes."""
     geometry, scene = echoes.scene.geometry, echoes.scene
     out = [""] * echoes.shapes.n
     for shape, material in zip(echoes.owners.shape, echoes.owners.material, strict=True):
@@ -412,11 +412,9 @@ def _materials_of(echoes: EchoLabels) -> list[str]:
             out[shape] = echoes.owners.materials[material]
     corners = geometry.vertices[geometry.faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    for i, (start, stop) in enumerate(
-        zip(geometry.mesh_face_offset[:-1], geometry.mesh_face_offset[1:], strict=True)
-    ):
-        rows = slice(int(start), int(stop))
-        if stop > start:
+    for i in range(len(geometry.object_names)):
+        rows = geometry.faces_of_object(i)
+        if rows.size:
             sums = np.bincount(geometry.face_material[rows], area[rows])
             out[i] = scene.materials[int(np.argmax(sums))].name
     return out
@@ -469,7 +467,7 @@ def _make_expected_layers(echoes: EchoLabels, energy: F32) -> dict[str, LabelLay
 
 
 def _notes(echoes: EchoLabels) -> tuple[str, ...]:
-    """What the labels of echoes leave out."""
+    """Notes on parts that the labels of echoes leave out."""
     out = []
     if echoes.scene.settings.method != "image":
         out.append(
@@ -477,6 +475,5 @@ def _notes(echoes: EchoLabels) -> tuple[str, ...]:
         )
     if echoes.imager.run.plan.on("noise"):
         out.append("echoes are without receiver noise")
-    if echoes.imager.run.plan.flags.diffuse_pairs:
-        out.append("the expected level of pairs of diffuse scatterers is that of the pairs that were drawn")
-    return tuple(out)
+    drawn = [source.drawn for source in drawn_sources(echoes.imager)]
+    return (*out, *(f"the expected level of {name} is that of those that were drawn" for name in drawn))

@@ -27,7 +27,7 @@ from sarmitsuba.signal.pixel_labels import LabelLayer, LabelledInstance, Labels
 
 @dataclass(frozen=True, eq=False)
 class LabelledImage:
-    """What labels are of.
+    """Object of labels.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class MadeLabels:
     ----------
     layers : by name, on the image's grid
     instances : shapes in the image; of one maker only
-    notes : what they leave out
+    notes : parts that they leave out
     """
 
     layers: Mapping[str, LabelLayer]
@@ -70,7 +70,7 @@ class LabelMaker:
     Parameters
     ----------
     layers : names of all that it can make
-    make : called with what the labels are of
+    make : called with the object of the labels
     pixel_bytes : memory of a pixel while they are made
     """
 
@@ -108,7 +108,7 @@ def labels(
     classes: Mapping[str, str] | None = None,
     layers: Sequence[str] | None = None,
 ) -> Labels:
-    """Labels of every pixel of an image: layover, shadow, positions, and what its echoes come from.
+    """Labels of every pixel of an image: layover, shadow, positions, and the origin of its echoes.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Bounce depth: what each bounce adds to an image of a scene, and what it costs."""
+"""Bounce depth: contribution of each bounce to an image of a scene, and its cost."""
 
 import warnings
 from collections.abc import Sequence
@@ -77,7 +77,7 @@ def study_depth(
     timed: bool = True,
     progress: Progress | None = None,
 ) -> DepthStudy:
-    """Measure what each bounce adds to the image of a scene, and what it costs.
+    """Measure the contribution of each bounce to the image of a scene, and its cost.
 
     Errors and energies are of one run that keeps its bounces apart, so that all depths share rays and scatterers and no
     ray sampling stands between them. Seconds are of a run for each depth, simulated and focused.

@@ -1,8 +1,6 @@
-"""HDF5 files of this program: their head, guarded writing, reading of untrusted ones, and the grid of an image.
+"""HDF5 files of this program: head, guarded writing, reading of untrusted files, dataclasses, and grids of images.
 
-Dataclasses as groups of an HDF5 file, and safe reading of datasets from untrusted files.
-
-Numbers are datasets with the attributes ``unit`` and ``description``, texts are attributes of the group.
+A dataclass is a group: numbers are datasets with the attributes ``unit`` and ``description``, texts are attributes.
 """
 
 import dataclasses
@@ -21,6 +19,7 @@ from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import DataError, RadarError
 from sarmitsuba.core.parameters import one_line
 from sarmitsuba.machine.atomic import atomic_path
+from sarmitsuba.machine.exclusive import backend_lock
 from sarmitsuba.machine.guarded import GuardedFile
 from sarmitsuba.machine.isolated import survive
 from sarmitsuba.radar.geodesy import Anchor
@@ -305,7 +304,8 @@ def read_hdf5(path: Path | str, content: str, wanted: str, load: Callable[[h5py.
             return load(file, planes)
 
     try:
-        with h5py_lock:  # must not be held by another thread at the fork
+        # no other thread may hold the lock of h5py at the fork; in this order, since exclusive functions read files
+        with backend_lock(), h5py_lock:
             survive(path, lambda: read(planes=False))
         return read(planes=True)
     except (

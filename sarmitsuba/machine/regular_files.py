@@ -118,6 +118,11 @@ def check_unpacked(claimed: int, size: int, most: int | None = None) -> None:
         )
 
 
+def describe_missing(path: Path | str) -> str:
+    """Why a path does not exist, for an error message: it is not there, or is a link whose target is not."""
+    return "is a link to a file that does not exist" if os.path.islink(path) else "no such file or folder"
+
+
 def is_inside(name: str | Path, folder: Path) -> bool:
     """Whether a path, relative to the folder or absolute, is inside it after following all links."""
     try:

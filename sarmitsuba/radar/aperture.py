@@ -1,8 +1,7 @@
 """Synthetic aperture: geometry about the aim point, and the automatic track with consistent length, prf and pulses.
 
-Pulse intervals: uniform, random, or staggered (a repeated sequence).
-
-Motion of a steered beam over the scene: footprint speed, and the track that illuminates an image.
+Pulse intervals are uniform, random, or a repeated (staggered) sequence. The footprint of a steered beam moves over the
+scene, and the track is as long as the image needs to be lit.
 """
 
 from collections.abc import Callable, Mapping
@@ -40,7 +39,7 @@ class PulseIntervals:
 
     Notes
     -----
-    Positions and echoes are those at the pulses' own times, which the focuser knows.
+    Positions and echoes are those at the pulses' times, which the focuser knows.
     """
 
     sequence: tuple[float, ...] = ()

@@ -1,10 +1,7 @@
 """Radar and image request from the description of sensor and film.
 
-Antenna from a description: a pattern with its beamwidths, or a measured one.
-
-Warnings about valid values that look like an error of units, one line each.
-
-Second pass of an interferometric pair: the track shifted by a constant baseline.
+The antenna has a pattern with its beamwidths, or a measured one. Valid values that look like an error of units are
+warned of, one line each. The second pass of an interferometric pair is the track shifted by a constant baseline.
 """
 
 import warnings

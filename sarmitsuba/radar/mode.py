@@ -1,6 +1,6 @@
 """Radar modes: beam steering over the track, and the aperture, resolution and Doppler bandwidth that follow.
 
-Flight path of the antenna as a function of time; automatic tracks are samples of it at the pulse times.
+The flight path is a function of time; automatic tracks are samples of it at the pulse times.
 """
 
 from abc import ABC, abstractmethod
@@ -103,7 +103,7 @@ class AimGeometry:
 
 @dataclass(frozen=True, eq=False)
 class TrackAxes:
-    """The antenna's own axes at every pulse, orthonormal, scene frame.
+    """The antenna's axes at every pulse, orthonormal, scene frame.
 
     Parameters
     ----------

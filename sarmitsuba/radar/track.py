@@ -1,6 +1,6 @@
 """The antenna's trajectory: one position and velocity per pulse, float64, scene frame.
 
-Effective velocity: rotation rate of the line of sight, on a straight track or from an orbit.
+The effective velocity is that of the rotation of the line of sight, on a straight track or from an orbit.
 """
 
 from dataclasses import dataclass, replace

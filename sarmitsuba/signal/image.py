@@ -1,14 +1,7 @@
 """Focused complex image: pixel grid, bounds, shown axes, averages, radiometric quantities.
 
-Focused complex image and its pixel grid.
-
-Bounds of an image's grid and calibration, checked for every file before use.
-
-Coordinates along the axes of a picture: of the scene, or of the radar.
-
-Means of neighbouring pixels: over adjacent blocks, or over a window centred on every pixel.
-
-Radiometric quantities of a calibrated image, and calibration against a target of known RCS.
+Grid and calibration are checked for every file before use. Axes are coordinates of the scene or of the radar; averages
+are over adjacent blocks or a centred window. Images are calibrated against a target of known RCS.
 """
 
 from collections.abc import Mapping
@@ -344,7 +337,7 @@ class Multilook:
     azimuth, range : float64, m, centres of the blocks on the image's axes
     channel, quantity : polarisation; ``sigma0``, or ``rcs`` in m^2
     calibrated : whether the quantity's unit holds, see `SarImage.calibrated`
-    grid : of the image, for pictures in coordinates of the scene; None: pictures have the image's own axes
+    grid : of the image, for pictures in coordinates of the scene; None: pictures have the image's axes
     """
 
     power: F64

@@ -53,7 +53,7 @@ def sum_exactly(raw: RawData, points: F64, range_window: Window, azimuth_window:
     ----------
     raw : range-compressed data; the layers of each channel are added up
     points : (n, 3) float64, m, scene frame
-    range_window, azimuth_window : over the bandwidth and over the pulses, or the pixels' own apertures
+    range_window, azimuth_window : over the bandwidth and over the pulses, or the pixels' apertures
 
     Notes
     -----
@@ -123,7 +123,7 @@ def witness_focusing(
     grid : of the pixels
     focuser : that made them
     windows : over the bandwidth and over the pulses
-    law_db : what the focuser stated
+    law_db : error stated by the focuser
     """
     channels = np.array([_sum_of(pixels, raw.layers, channel) for channel in raw.channels])
     energies = [sum_energy(one) for one in channels]

@@ -2,8 +2,8 @@
 
 Two sets of rays of one spacing err alike where all tubes are too wide; half the spacing shows it. Cells of a lattice
 are tiled exactly by the cells of their parts, so that the difference of the two is the error of the rays drawn, and
-nothing else. Rays are drawn evenly over the lattice in groups: what groups have in common is the error of the spacing,
-what they differ by is the chance of the draw.
+nothing else. Rays are drawn evenly over the lattice in groups: their common part is the error of the spacing,
+their differences are the chance of the draw.
 """
 
 import math
@@ -119,7 +119,7 @@ def say_rays(name: str, witness: Witness | None) -> str:
     """Text on rays whose measured error is large, or high and far above that of two sets; empty for none.
 
     It is a warning where two sets of rays say so, too. The witness alone counts all echoes of one pulse, also those of
-    large errors far from what the image shows.
+    large errors far outside the image.
     """
     if witness is None:
         return ""
@@ -136,7 +136,7 @@ def say_rays(name: str, witness: Witness | None) -> str:
 def halved_plan(
     sampling: SamplingPlan, lattices: Sequence[Sequence[LaunchGrid]], witness: Witness | None
 ) -> SamplingPlan | None:
-    """Plan at half the spacing, where automatic rays are too far apart by what is measured; None where they are not.
+    """Plan at half the spacing, where automatic rays are too far apart by the measurement; None where they are not.
 
     Two sets of rays have to say so, too, and half the spacing has to fit the bound on rays.
 

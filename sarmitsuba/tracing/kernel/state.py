@@ -350,7 +350,7 @@ class Hit:
     vertex0, centroid : float64, m, vertex 0 and middle of the triangle
     departure : m, start of the rays that leave the hit
     direction64, direction : of the ray, from the virtual antenna to the hit
-    normal64, normal : facing the ray; ``behind`` where it is the reverse of the face's own normal
+    normal64, normal : facing the ray; ``behind`` where it is the reverse of the face's normal
     cos_incidence : > 0
     length, length_back : m, from the virtual antenna to here, and from here to the antenna
     to_antenna64, to_antenna : unit vector to the antenna
@@ -439,7 +439,7 @@ class Reflection:
 
 @dataclass(frozen=True, eq=False)
 class Closing:
-    """Coherent return of the tube at a hit, before polarisation: what the stages of effects may change.
+    """Coherent return of the tube at a hit, before polarisation, which the stages of effects may change.
 
     Parameters
     ----------

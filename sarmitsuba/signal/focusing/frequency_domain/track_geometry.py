@@ -39,8 +39,8 @@ class TrackGeometry:
     x_center, rho_center : m, azimuth and closest-approach range of the image's central pixel
     range_center : m, slant range from the middle of that pixel's aperture to it
     sin_squint : sine of the angle between that line of sight and broadside: the middle of the image's Doppler band
-    half_band : half the Doppler band of a pixel's own aperture, in sines; infinite where all pulses serve every pixel
-    seen : smallest and largest sine at which pulses see the image; within the beam, or the pixels' own apertures
+    half_band : half the Doppler band of a pixel's aperture, in sines; infinite where all pulses serve every pixel
+    seen : smallest and largest sine at which pulses see the image; within the beam, or the pixels' apertures
     faded : beyond those, sines at which the matched filter has faded out
     """
 
@@ -66,7 +66,7 @@ class TrackGeometry:
     def reach(self, wavenumber: float) -> float:
         """Half the processed band about the squint at a wavenumber, rad/m, in sines, within :attr:`faded`.
 
-        It is that of the pulses; where pixels' own apertures with the tails of their ends are wider, the pulses'
+        It is that of the pulses; where pixels' apertures with the tails of their ends are wider, the pulses'
         spectrum is continued periodically.
         """
         pulses = self.nyquist(wavenumber)
@@ -143,7 +143,7 @@ def own_apertures(radar: Radar) -> bool:
 
 
 def lit_in_turn(radar: Radar) -> bool:
-    """Whether the beam, or the band of the pixels' own apertures, passes over the pixels one after the other."""
+    """Whether the beam, or the band of the pixels' apertures, passes over the pixels one after the other."""
     return own_apertures(radar) or (radar.antenna.directive and radar.mode_law.own_apertures)
 
 
@@ -151,7 +151,7 @@ def track_geometry(radar: Radar, grid: ImageGrid) -> TrackGeometry:
     """Positions of data and image along a straight track, and the Doppler band.
 
     The middle of the Doppler band is the direction to the image's centre from the middle of the pulses that serve it:
-    in spotlight those of the whole track. Pixels' own apertures lie about the boresight, wherever along the strip the
+    in spotlight those of the whole track. Pixels' apertures lie about the boresight, wherever along the strip the
     image is.
     """
     track = radar.track
@@ -191,8 +191,8 @@ def _faded_sines(radar: Radar, grid: ImageGrid, seen: tuple[float, float]) -> tu
 
     .. math:: \Delta s = (1 - s^2)^{3/4} \sqrt{\pi / k \rho}
 
-    of it. No farther than halfway to grazing, where it would raise what leaks there by :math:`(k / k_y)^{7/2}`.
-    Pixels' own apertures end by tails of their own, which reach as far.
+    of it. No farther than halfway to grazing, where it would raise the leakage by :math:`(k / k_y)^{7/2}`.
+    Pixels' apertures end by tails of their own, which reach as far.
     """
     rho, ends = float(grid.range[0]), []
     for sign, sine in zip((-1.0, 1.0), seen, strict=True):
