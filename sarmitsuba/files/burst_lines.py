@@ -11,11 +11,9 @@ Pixels are interpolated at base band, without the ramp, by splines of degree 5.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import scipy
-from numpy.polynomial import chebyshev
 
 from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.core.constants import EARTH_GRAVITY, EARTH_ROTATION
@@ -24,11 +22,12 @@ from sarmitsuba.radar.collection import Collection, Flight
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.orbit import StateVectors
 from sarmitsuba.signal.image import SarImage
+from sarmitsuba.signal.surface import Surface, chebyshev_nodes
 
 # s of the orbit on either side of a burst
 _REACH = 20.0
-# degree of the polynomials, nodes along an axis, and pixels by which they may miss a node
-_DEGREE, _NODES, _MISS = 6, 25, 1e-3
+# nodes along an axis of the polynomials, and pixels by which they may miss a node
+_NODES, _MISS = 25, 1e-3
 _STEPS = 6
 _TURN = np.array([0.0, 0.0, EARTH_ROTATION])
 # lines of no data on either side of a burst, which readers cut off (sarsen: 90)
@@ -139,37 +138,6 @@ class ZeroDoppler:
         return ZeroDoppler(time, slant, slope / slant)
 
 
-@dataclass(frozen=True)
-class _Surface:
-    """Polynomial over two variables, each scaled to -1 ... 1 over its span."""
-
-    spans: tuple[tuple[float, float], tuple[float, float]]
-    table: F64
-
-    @staticmethod
-    def fit(x: F64, y: F64, value: F64) -> "_Surface":
-        """Least squares of degree 6 through values at (n,) places."""
-        spans = tuple((float(axis.min()), float(max(np.ptp(axis), 1e-12))) for axis in (x, y))
-        terms = chebyshev.chebvander2d(*_Surface._scaled(spans, x, y), [_DEGREE, _DEGREE])
-        found, *_ = np.linalg.lstsq(terms, value, rcond=1e-13)
-        return _Surface(spans, found.reshape(_DEGREE + 1, _DEGREE + 1))  # type: ignore[arg-type]
-
-    @staticmethod
-    def _scaled(spans: Any, x: F64, y: F64) -> tuple[F64, F64]:
-        a, b = ((axis - low) * (2.0 / width) - 1.0 for axis, (low, width) in zip((x, y), spans, strict=True))
-        return a, b
-
-    def at(self, x: F64, y: F64) -> F64:
-        """Values at places."""
-        return np.asarray(chebyshev.chebval2d(*self._scaled(self.spans, x, y), self.table))
-
-    def on(self, x: F64, y: F64) -> F64:
-        """Values at all pairs of x (n,) and y (m,), (n, m)."""
-        a, _ = self._scaled(self.spans, x, y[:1])
-        _, b = self._scaled(self.spans, x[:1], y)
-        return np.asarray(chebyshev.chebgrid2d(a, b, self.table))
-
-
 @dataclass(frozen=True, eq=False)
 class Lattice:
     """Lines and samples of a product, common to its bursts.
@@ -216,10 +184,10 @@ class BurstMap:
     collection: Collection
     orbit: StateVectors
     nodes: ZeroDoppler
-    time: _Surface
-    slant_range: _Surface
-    row: _Surface
-    column: _Surface
+    time: Surface
+    slant_range: Surface
+    row: Surface
+    column: Surface
     middle: float
 
     @staticmethod
@@ -235,9 +203,7 @@ class BurstMap:
         try:
             orbit = extend_orbit(collection.flight, image.anchor)
             grid, middle = image.grid, 0.5 * (collection.flight.span[0] + collection.flight.span[2])
-            # nodes of Chebyshev, to the edges
-            place = 0.5 - 0.5 * np.cos(np.pi * np.arange(_NODES) / (_NODES - 1))
-            row, column = (place * (n - 1) for n in grid.shape)
+            row, column = (chebyshev_nodes(_NODES) * (n - 1) for n in grid.shape)
             axes = [
                 axis[0] + pick * step
                 for axis, pick, step in (
@@ -250,8 +216,8 @@ class BurstMap:
         except DataError as error:
             raise DataError(f"{what}: {error}") from None
         rows, columns = (part.ravel() for part in np.meshgrid(row, column, indexing="ij"))
-        time, slant = (_Surface.fit(rows, columns, each) for each in (seen.time, seen.slant_range))
-        back = [_Surface.fit(seen.time, seen.slant_range, each) for each in (rows, columns)]
+        time, slant = (Surface.fit(rows, columns, each) for each in (seen.time, seen.slant_range))
+        back = [Surface.fit(seen.time, seen.slant_range, each) for each in (rows, columns)]
         for surface, true in zip(back, (rows, columns), strict=True):
             if np.abs(surface.at(seen.time, seen.slant_range) - true).max() > _MISS:
                 raise DataError(f"{what}: the image is too large for its map to times and ranges; shrink it")

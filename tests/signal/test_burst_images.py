@@ -209,3 +209,87 @@ def test_mosaic_refuses_images_of_other_pixels(tops):
     images = [focused(raw, patch(scene, 0.0, extent=extent)) for extent in (20.0, 30.0)]
     with pytest.raises(DataError, match="differ in their pixels"):
         mosaic_bursts(images, [scene.radar] * 2)
+
+
+def sliding():
+    """Points seen by an aircraft whose beam turns about a place beyond the scene."""
+    places = (-33.0, -15.0, 0.0, 7.0, 29.0)
+    points = [sarmitsuba.PointTarget(f"p{y:g}", np.array([0.7 * y, y, 0.0]), 10.0) for y in places]
+    radar = sarmitsuba.RadarDescription(
+        mode="sliding_spotlight",
+        mode_parameters={"sliding_factor": 0.3},
+        center_frequency=9.6e9,
+        bandwidth=100e6,
+        azimuth_resolution=0.5,
+        pattern="rectangular",
+        antenna_length=2.0,
+        elevation_beamwidth_deg=5.0,
+    )
+    film = sarmitsuba.FilmDescription(image_extent_azimuth=90.0, image_extent_range=60.0)
+    return sarmitsuba.simulate(sarmitsuba.build_scene(points=points, radar=radar, film=film))
+
+
+def error_db(image, reference):
+    return 10.0 * np.log10(np.sum(np.abs(image - reference) ** 2) / np.sum(np.abs(reference) ** 2))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("window", ["taylor", "rectangular"])
+def test_turning_beams_in_the_frequency_domain(tops, window):
+    """Deramped, filtered and reramped echoes give backprojection's pixels."""
+    scene, raw = tops
+    grid = patch(scene, 0.0, extent=1200.0)
+    options = {"azimuth_window": window, "range_window": "taylor"}
+    reference = focused(raw, grid, focuser="backprojection,interpolation=kernel:8", **options)
+    for name in ("omega_k", "range_doppler", "chirp_scaling"):
+        image = focused(raw, grid, focuser=name, motion_compensation="off", **options)
+        found = error_db(image.data, reference.data)
+        assert found < -45.0
+        assert found < image.metadata["focus"]["stated_error_db"] + 0.1
+        assert image.azimuth_resolution_cell == pytest.approx(reference.azimuth_resolution_cell, rel=2e-3)
+
+
+@pytest.mark.slow
+def test_tops_from_orbit_in_the_frequency_domain():
+    """By a straight track at the effective velocity, and the change of its histories over image and aperture."""
+    orbit = {
+        "orbit_altitude": 693e3,
+        "orbit_inclination_deg": 98.18,
+        "incidence_angle_deg": 39.0,
+        "latitude_deg": 48.0,
+        "prf": 1452.0,
+        "n_pulses": 1535,
+        "center_frequency": 5.405e9,
+        "bandwidth": 20e6,
+        "pulse_width": 50e-6,
+        "azimuth_resolution": 22.0,
+        "pattern": "rectangular",
+        "antenna_length": 12.3,
+        "elevation_beamwidth_deg": 5.0,
+        "mode_parameters": {"steering_rate_deg": 0.98, "burst": "0"},
+    }
+    places = np.array([[0.0, 0.0], [0.35, 0.4], [-0.4, -0.35], [0.3, -0.42], [-0.2, 0.3]]) * 1500.0
+    points = [
+        sarmitsuba.PointTarget(f"p{i}", np.array([*place, 0.0]), 10.0) for i, place in enumerate(places)
+    ]
+    film = sarmitsuba.FilmDescription(image_extent_azimuth=1500.0, image_extent_range=1500.0)
+    radar = sarmitsuba.RadarDescription(mode="tops", **orbit)
+    raw = sarmitsuba.simulate(sarmitsuba.build_scene(points=points, radar=radar, film=film))
+    for grid in ("slant", "ground"):
+        reference = sarmitsuba.focus(
+            raw, request={"grid": grid}, focuser="backprojection,interpolation=kernel:8"
+        )
+        image = sarmitsuba.focus(raw, reference.grid, focuser="omega_k")
+        found = error_db(image.data, reference.data)
+        assert found < -45.0 and found < image.metadata["focus"]["stated_error_db"]
+
+
+@pytest.mark.slow
+def test_sliding_spotlight_in_the_frequency_domain():
+    raw = sliding()
+    reference = sarmitsuba.focus(raw, focuser="backprojection,interpolation=kernel:8")
+    image = sarmitsuba.focus(raw, focuser="omega_k", motion_compensation="off")
+    assert error_db(image.data, reference.data) < -50.0
+    ground = sarmitsuba.focus(raw, request={"grid": "ground"}, focuser="omega_k", motion_compensation="off")
+    reference = sarmitsuba.focus(raw, ground.grid, focuser="backprojection,interpolation=kernel:8")
+    assert error_db(ground.data, reference.data) < -45.0

@@ -45,6 +45,7 @@ from sarmitsuba.signal.focusing.focuser import (
     check_image_fits,
     parse_focuser,
 )
+from sarmitsuba.signal.focusing.frequency_domain.turning import turns
 from sarmitsuba.signal.focusing.grid import default_grid
 from sarmitsuba.signal.focusing.motion_compensation import (
     Residual,
@@ -443,7 +444,7 @@ def focus(
             warnings.warn(f"focus: {text}", SarmitsubaWarning, stacklevel=2)
     stated = law_db
     if witness is not None:
-        stated = _state_error(witness, left_db, exact=focuser.name == EXACT)
+        stated = _state_error(witness, left_db, by_law=focuser.name == EXACT or turns(raw.radar))
     facts = {
         "method": focuser.name,
         "stated_error_db": round(stated, 1) if np.isfinite(stated) else None,
@@ -476,17 +477,18 @@ def focus(
     )
 
 
-def _state_error(found: Witness, left_db: float, *, exact: bool) -> float:
+def _state_error(found: Witness, left_db: float, *, by_law: bool) -> float:
     """Level that the error of an image is stated to stay below, dB, from measurements at some of its pixels.
 
     Errors gather in few pixels, some of which a sample misses: ``UNSEEN_DB`` above the measured level, or up to what
-    the law foretold where that is less. Backprojection's law is a bound of its interpolation, and its sample small.
+    the law foretold where that is less. Backprojection's law is a bound of its interpolation, and its sample small;
+    of a beam that turns the errors lie at the ends of the track.
     ``left_db`` : error left by motion compensation, by law, which gathers at the image's ends.
     """
     upper = _add_levels(found.upper_db, left_db)
     if np.isnan(found.law_db):
         return upper + UNSEEN_DB
-    return max(upper, found.law_db if exact else min(upper + UNSEEN_DB, found.law_db))
+    return max(upper, found.law_db if by_law else min(upper + UNSEEN_DB, found.law_db))
 
 
 def _add_levels(first: float, second: float) -> float:

@@ -16,6 +16,7 @@ from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.signal.focusing.aperture_weights import direction_gain
 from sarmitsuba.signal.focusing.focuser import Focuser, check_focuser
+from sarmitsuba.signal.focusing.frequency_domain.turning import lit_from_orbit, turns
 from sarmitsuba.signal.gridding import gridding_kernel
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.raw_data import RawData
@@ -475,7 +476,7 @@ def needs_compensation(
         )
     if not focuser.objection(radar, grid):
         return None
-    if option == "off" or radar.track.is_straight or radar.receiver is not None:
+    if option == "off" or radar.track.is_straight or radar.receiver is not None or lit_from_orbit(radar):
         check_focuser(focuser, radar, grid)
     try:
         plan = plan_straightening(radar, grid)
@@ -483,6 +484,11 @@ def needs_compensation(
         raise DataError(
             f"focuser {focuser.name}: motion compensation: {error}; take focuser backprojection"
         ) from None
+    if turns(plan.straight):
+        raise DataError(
+            f"focuser {focuser.name}: motion compensation: the beam turns over a curved track; take focuser "
+            "backprojection"
+        )
     check_focuser(focuser, plan.straight, grid)
     residual = compensation_residual(plan, grid)
     if residual.phase > LARGEST_RESIDUAL:

@@ -8,14 +8,14 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.core.arrays import F64, I64
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import direction_gain, look_directions
+from sarmitsuba.signal.focusing.frequency_domain.equivalent_track import LARGEST_PHASE, EquivalentTrack
+from sarmitsuba.signal.focusing.frequency_domain.turning import lit_from_orbit, range_blocks, turns
 from sarmitsuba.signal.focusing.grid import slant_below, slant_ranges
 from sarmitsuba.signal.image import ImageGrid
 
 # largest part of the (raised) PRF that the image's Doppler band may take: the rest is for the ripple at its edges
 _BAND_FILL = 0.6
 
-# change of the boresight's sine over the track up to which a beam counts as fixed to it: rounding
-_FIXED = 1e-9
 # two-way amplitude, over the strongest at the same pixel, above which a pulse counts for the image's Doppler band
 _LIT = 0.02
 # pulses sampled for that
@@ -103,23 +103,37 @@ def track_refusal(radar: Radar, grid: ImageGrid) -> str:
     if track.n_pulses < 8:
         return f"{track.n_pulses} pulses are too few, at least 8 are needed"
     if not track.is_straight:
-        return "the track is curved or not uniformly sampled"
+        return curve_refusal(radar, grid)
     ground = grid.kind == "ground"
     relative = track.position - (track.center_position if ground else grid.origin)
     off = np.abs(relative - (relative @ grid.along)[:, None] * grid.along).max()
     if off > 1e-4 or (track.position[-1] - track.position[0]) @ grid.along < 0.0:
         return f"the track runs {off:.3g} m off the {grid.kind} grid's horizontal axis (bound 1e-4 m)"
-    turns = float(np.ptp(radar.pointing.boresight @ radar.track.along))
-    if lit_in_turn(radar) and turns > _FIXED:
-        return "the beam turns over the track (sliding spotlight, orbit), so that pixels' apertures differ in Doppler"
     edge = abs(boresight_sine(radar)) + radar.half_aperture
-    if own_apertures(radar) and edge > _STEEPEST:
+    if own_apertures(radar) and not turns(radar) and edge > _STEEPEST:
         return (
             f"the pixels' apertures reach {np.degrees(np.arcsin(min(edge, 1.0))):.3g} degrees off broadside (bound "
             f"{np.degrees(np.arcsin(_STEEPEST)):.3g})"
         )
     if ground and slant_ranges(radar, grid).min() <= 0.0:
         return "the ground grid reaches across the ground track"
+    return ""
+
+
+def curve_refusal(radar: Radar, grid: ImageGrid) -> str:
+    """Reason why data from a curved track cannot be focused on a grid; empty when an equivalent straight one serves."""
+    track = radar.track
+    step = np.diff(track.time)
+    if not lit_from_orbit(radar) or np.ptp(step) > 1e-6 * step.mean():
+        return "the track is curved or not uniformly sampled"
+    if radar.antenna.table is not None:
+        return "the antenna's pattern is a table, which is not stretched to the effective velocity in orbit"
+    worst = max(EquivalentTrack.of(radar, block).phase for block in range_blocks(radar, grid))
+    if worst > LARGEST_PHASE:
+        return (
+            f"the effective velocity in orbit changes over the image, which leaves {worst:.3g} rad (bound "
+            f"{LARGEST_PHASE:g})"
+        )
     return ""
 
 
