@@ -43,7 +43,7 @@ class _Model:
         """Derivatives (n,) of the loss whose adjoint data (channels, pulses, samples) are dL/dRe + j dL/dIm."""
         with backend_lock():
             product, _ = apply_transpose(
-                self.model, np.asarray(adjoint), np.asarray(values, dtype=np.float64), edges=self.edges
+                self.model, adjoint, np.asarray(values, dtype=np.float64), edges=self.edges
             )
         return product
 
@@ -72,9 +72,10 @@ def torch_function(scene: SceneLike, parameters: Parameters, *, edges: bool = Tr
     Echoes are computed in complex64 in either precision. Ignores the same as :func:`sarmitsuba.jacobian`.
     """
     torch = _framework("torch", "PyTorch")
+    function: Any = torch.autograd.Function
     model = _Model(scene, parameters, edges)
 
-    class RawDataOf(torch.autograd.Function):  # type: ignore[misc]
+    class RawDataOf(function):
         """Raw data, and the transpose of their derivative."""
 
         @staticmethod
