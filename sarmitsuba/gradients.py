@@ -42,8 +42,9 @@ class _Model:
     def pull_back(self, values: F64, adjoint: C64 | C128) -> F64:
         """Derivatives (n,) of the loss whose adjoint data (channels, pulses, samples) are dL/dRe + j dL/dIm."""
         with backend_lock():
+            whole: C128 = np.asarray(adjoint, dtype=np.complex128)
             product, _ = apply_transpose(
-                self.model, adjoint, np.asarray(values, dtype=np.float64), edges=self.edges
+                self.model, whole, np.asarray(values, dtype=np.float64), edges=self.edges
             )
         return product
 
@@ -72,10 +73,9 @@ def torch_function(scene: SceneLike, parameters: Parameters, *, edges: bool = Tr
     Echoes are computed in complex64 in either precision. Ignores the same as :func:`sarmitsuba.jacobian`.
     """
     torch = _framework("torch", "PyTorch")
-    function: Any = torch.autograd.Function
     model = _Model(scene, parameters, edges)
 
-    class RawDataOf(function):
+    class RawDataOf(torch.autograd.Function):  # type: ignore[name-defined]
         """Raw data, and the transpose of their derivative."""
 
         @staticmethod

@@ -1,7 +1,7 @@
 """Odd bodies, drawn by seed: slender, tiny, coincident, inverted, self-crossing, of no area, huge; every result finite.
 
-    python benchmarks/studies/odd_bodies.py --count 2000            # about 15 minutes of one core
-    python benchmarks/studies/odd_bodies.py --first 137 --count 1   # one scene again; -o FOLDER keeps its files
+    python -m benchmarks.studies.odd_bodies --count 2000            # about 15 minutes of one core
+    python -m benchmarks.studies.odd_bodies --first 137 --count 1   # one scene again; -o FOLDER keeps its files
 
 Each scene is read and simulated with four pulses, one look, one raster, its paths or its radar cross section. It counts
 as finite, as refused (one clear line before anything is simulated), or as what must not be: not finite, or a crash.

@@ -1,6 +1,6 @@
 """Labels of pixels from the paths whose echoes make them: mechanism, shape and material, level without speckle.
 
-Boxes of shapes in an image, the share of each that the antenna sees, and the pixels in its shadow alone.
+Boxes of shapes have the share of the shape that the antenna sees, and the pixels in its shadow.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -26,7 +26,7 @@ from sarmitsuba.signal.focusing.grid import default_grid
 from sarmitsuba.signal.focusing.placement import ImagePlacement
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.pixel_labels import LabelLayer, LabelledInstance
-from sarmitsuba.simulation.execution.grouped_look import GroupedLook
+from sarmitsuba.simulation.execution.grouped_look import GroupedLook, drawn_sources
 from sarmitsuba.simulation.execution.image import Imager
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.tracing.kernel.path_groups import MECHANISMS
@@ -221,7 +221,7 @@ class EchoShares:
 
 
 class EchoLabels:
-    """Traced echoes of a scene in an image, by what they come from.
+    """Traced echoes of a scene in an image, by their origin.
 
     Parameters
     ----------
@@ -390,7 +390,7 @@ def echo_labels(
     -------
     layers : by name, see docs/labels.md
     instances : every shape of the scene
-    notes : what they leave out; where method ``image`` cannot show the scene, that alone
+    notes : parts that they leave out; where method ``image`` cannot show the scene, that alone
 
     Notes
     -----
@@ -552,7 +552,7 @@ def _make_expected_layers(echoes: EchoLabels, energy: F32) -> dict[str, LabelLay
 
 
 def _notes(echoes: EchoLabels) -> tuple[str, ...]:
-    """What the labels of echoes leave out."""
+    """Notes on parts that the labels of echoes leave out."""
     out = []
     if echoes.scene.settings.method != "image":
         out.append(
@@ -560,6 +560,5 @@ def _notes(echoes: EchoLabels) -> tuple[str, ...]:
         )
     if echoes.imager.run.plan.on("noise"):
         out.append("echoes are without receiver noise")
-    if echoes.imager.run.plan.flags.diffuse_pairs:
-        out.append("the expected level of pairs of diffuse scatterers is that of the pairs that were drawn")
-    return tuple(out)
+    drawn = [source.drawn for source in drawn_sources(echoes.imager)]
+    return (*out, *(f"the expected level of {name} is that of those that were drawn" for name in drawn))

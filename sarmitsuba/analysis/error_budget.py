@@ -39,7 +39,7 @@ class ErrorPart:
     likely_db : likely level of an error of which ``error_db`` is a loose bound, dB; NaN: as ``error_db``
     samples : number of values that were measured; 0: it is not known, or nothing was measured
     upper_db : level below which a measured error lies with 95 % probability, dB; NaN: not known
-    law_db : what a law foretold of an error that was measured, dB; NaN: there is none
+    law_db : prediction by a law of an error that was measured, dB; NaN: there is none
     """
 
     name: str
@@ -63,7 +63,7 @@ class ErrorPart:
 
     @property
     def contradicts(self) -> bool:
-        """Whether the measured error lies far above what a law foretold."""
+        """Whether the measured error lies far above a law's prediction."""
         return Witness(self.error_db, self.error_db, self.samples, self.law_db).contradicts
 
     def __str__(self) -> str:
@@ -162,7 +162,7 @@ def number(value: object) -> float:
 
 
 def _replace_by_witness(part: ErrorPart, facts: object) -> ErrorPart:
-    """The part as a witness measured it, if there is one; its own figure, where it has one, as what a law foretold."""
+    """The part as a witness measured it, if there is one; its figure by a law, where it has one, as the prediction."""
     found = Witness.read(facts)
     if found is None:
         return part

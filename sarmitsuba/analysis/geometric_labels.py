@@ -1,6 +1,6 @@
 """Layover, shadow, incidence angle and positions of the surfaces that fall into the pixels of an image.
 
-Triangles cut into the pixels of an image: the points of surfaces at which a pixel's centre shows them.
+Triangles are cut into pixels: every part gives the point of the surface that its pixel's centre shows.
 """
 
 from collections.abc import Callable, Iterator
@@ -549,7 +549,7 @@ def _slant_position(radar: Radar, grid: ImageGrid) -> F64:
 
 
 def geometric_notes(scene: Scene) -> tuple[str, ...]:
-    """What the geometric labels leave out of a scene, a line each."""
+    """Notes on parts of a scene that the geometric labels leave out, a line each."""
     notes = []
     bare = len(scene.points) + len(scene.scatterers) - len(scene.bodies)
     if bare:

@@ -20,8 +20,6 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.tracing.kernel.path_groups import IS_GROUND, MECHANISMS, MOST_OWNERS, PathOwners
 from sarmitsuba.tracing.kernel.source import Launch
-from sarmitsuba.tracing.scatterers.edges.diffraction import FringeCurrents
-from sarmitsuba.tracing.scatterers.edges.fold_waves import FoldWaves
 
 # places along the sides of triangles by which the mesh of an edge is found, at most
 _SIDES = 200_000
@@ -149,11 +147,13 @@ class SceneOwners:
         found = None if find is None else find(part)
         name = getattr(found, "mechanism", "scatterer")
         count = slice(part.first, part.first + part.count)
-        if isinstance(found, FringeCurrents | FoldWaves):
+        if found is None:
+            owner = np.full(part.count, self._other)
+        elif hasattr(found, "middle"):
             owner = self._find_object_owners(self._object[self._sides(found.middle[count])])
-        elif name == "diffuse pair" and found is not None:
+        elif hasattr(found, "face"):
             owner = self._find_pair_owners(found.face[count])
-        elif name in self._of_kind and found is not None:
+        elif name in self._of_kind and hasattr(found, "owner"):
             owner = self._of_kind[name][found.owner[count]]
         else:
             owner = np.full(part.count, self._other)

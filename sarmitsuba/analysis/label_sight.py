@@ -1,6 +1,6 @@
-"""Lines of sight from points of surfaces: to the antenna, and to the sky.
+"""Lines of sight from points of surfaces to the antenna and to the sky, and the shapes that are ground.
 
-Shapes that are ground: an echo over the ground belongs to the other shape on its path.
+An echo over the ground belongs to the other shape on its path.
 """
 
 from collections.abc import Mapping

@@ -28,7 +28,7 @@ from sarmitsuba.tracing.kernel.path_groups import MECHANISMS
 
 @dataclass(frozen=True, eq=False)
 class LabelledImage:
-    """What labels are of.
+    """Object of labels.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class MadeLabels:
     ----------
     layers : by name, on the image's grid
     instances : shapes in the image; of one maker only
-    notes : what they leave out
+    notes : parts that they leave out
     """
 
     layers: Mapping[str, LabelLayer]
@@ -73,7 +73,7 @@ class LabelMaker:
     Parameters
     ----------
     layers : names of all that it can make
-    make : called with what the labels are of
+    make : called with the object of the labels
     pixel_bytes : memory of a pixel while they are made
     """
 
@@ -119,12 +119,12 @@ def labels(
     layers: Sequence[str] | None = None,
     mechanisms: Sequence[str] | None = None,
 ) -> Labels:
-    """Labels of every pixel of an image: layover, shadow, positions, and what its echoes come from.
+    """Labels of every pixel of an image: layover, shadow, positions, and the origin of its echoes.
 
     Parameters
     ----------
     scene : of the image; a scene file or the name of a shipped scene is loaded
-    grid : of the image, in any frame; None: that of ``image``, else the scene's own
+    grid : of the image, in any frame; None: that of ``image``, else that of the scene
     image : whose pixels are labelled, for its grid and windows
     classes : semantic class of each shape, by its name or by a pattern of names such as ``"building*"``; None: the
         scene has no classes

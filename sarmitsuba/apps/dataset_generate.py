@@ -1,10 +1,8 @@
-"""Generation of a data set: samples by processes or a cluster, resumed from a journal, and its files.
+"""Generation of a data set: samples by processes or a cluster, and the files about them.
 
-Pictures of samples for detectors: 8 bits of the logarithm of intensity.
-
-COCO annotations of a data set, one document for each part.
-
-Data card of a data set: what was drawn, which physics was on, stated errors, seeds, versions, licence.
+An interrupted generation continues from a journal. Files for detectors are 8-bit pictures of the logarithm of
+intensity and COCO annotations of each part; the data card states distributions, physics, errors, seeds, versions and
+licence.
 """
 
 import hashlib
@@ -412,7 +410,7 @@ class SampleWorkers(Protocol):
 
 @dataclass(frozen=True)
 class GenerationPlan:
-    """What a run will take, known before it.
+    """Cost of a run, known before it.
 
     Parameters
     ----------
@@ -482,7 +480,7 @@ def generate(
     workers : of a cluster, in place of processes
     extensions : the user's modules, which every process loads
     force : replace the results of another recipe
-    ready : called before the first sample with what the run takes
+    ready : called before the first sample with the cost of the run
     progress : called after every sample
 
     Raises

@@ -1,8 +1,6 @@
-"""Recipe of a data set: what is drawn, by which distributions, and what is written.
+"""Recipe of a data set: parameters of its sections, their distributions, and the files that are written.
 
-Parameters of every section of a recipe, with bounds and meaning.
-
-Distributions of a recipe's parameters: uniform, normal, choice, grid, or one value.
+A distribution is uniform, normal, a choice, a grid, or one value.
 """
 
 import hashlib

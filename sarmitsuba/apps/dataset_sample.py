@@ -1,6 +1,6 @@
-"""One sample of a data set: drawn, simulated, labelled; the same bits wherever and whenever it is made.
+"""One sample of a data set, simulated and labelled; the same bits wherever and whenever it is made.
 
-Labels of a sample: layers of its pixels with codes that all samples share, and boxes of its shapes.
+Labels are layers of the pixels, with codes that all samples share, and boxes of the shapes.
 """
 
 import re
@@ -196,7 +196,7 @@ class Sample:
     named_shapes : code, name and class of the shapes in layers whose codes are shapes
     objects : shapes
     facts : drawn values by ``section.parameter``, and of the image
-    notes : what the program assumed or warned of
+    notes : assumptions and warnings of the program
     physics : effects and their state
     sampling_error_db : of the image, by channel; empty where not measured
     omitted_db : energy of waves that metal sends and the program does not follow, over the image's energy, by channel
@@ -229,7 +229,7 @@ def make_sample(drawer: Drawer, number: int) -> Sample:
     Raises
     ------
     DataError
-        All attempts failed, or the recipe asks for what there is not.
+        All attempts failed, or the recipe asks for something that does not exist.
     BackendError, OutputError, ExtensionError
         Not caused by the draw.
 

@@ -1,4 +1,4 @@
-"""Show what each bounce adds to the image of a scene, and what it costs: a table, a chart, and pictures by depth."""
+"""Show the contribution of each bounce to the image of a scene, and its cost: table, chart, pictures by depth."""
 
 import argparse
 import json

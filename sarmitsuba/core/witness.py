@@ -7,10 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.units import db_from_power, power_from_db
+from sarmitsuba.core.units import db_from_power
 
 # dB above what a law foretold from which a run says so
 CONTRADICTION_DB = 3.0
+# dB, error that changes no figure in use, whatever a law foretold
+NEGLIGIBLE_DB = -60.0
 # dB, error of a result above which it is of no use
 USELESS_DB = -10.0
 # probability that the error of the whole lies below the upper level
@@ -72,20 +74,14 @@ class Witness:
 
     @property
     def contradicts(self) -> bool:
-        """Whether the error lies more than ``CONTRADICTION_DB`` above what the law foretold."""
-        return self.error_db > self.law_db + CONTRADICTION_DB
+        """Whether the error lies more than ``CONTRADICTION_DB`` above the law's prediction, and is not negligible."""
+        # without a law the maximum is NaN, and the comparison false
+        return self.error_db > max(self.law_db + CONTRADICTION_DB, NEGLIGIBLE_DB)
 
     @property
     def useless(self) -> bool:
         """Whether the error is so large that the result is of no use."""
         return not self.error_db <= USELESS_DB
-
-    def with_part(self, law_db: float) -> "Witness":
-        """Witness of an error that contains the law's, with that part replaced, dB; NaN: there is none."""
-        old, new = (0.0 if math.isnan(level) else power_from_db(level) for level in (self.law_db, law_db))
-        beyond = (max(power_from_db(level) - old, 0.0) for level in (self.error_db, self.upper_db))
-        error_db, upper_db = (_db(energy + new, 1.0) for energy in beyond)
-        return Witness(error_db, upper_db, self.samples, law_db, self.reference)
 
     def as_dict(self) -> dict[str, object]:
         """Values for JSON; None for no error, or no law."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from sarmitsuba.core.errors import SarmitsubaWarning, SceneError
 from sarmitsuba.core.parameters import did_you_mean
-from sarmitsuba.machine.regular_files import check_text, name_hint
+from sarmitsuba.machine.regular_files import check_text, describe_missing, name_hint
 
 _COMMENT = re.compile(r"<!--(.*?)-->", re.DOTALL)
 
@@ -121,4 +121,5 @@ def _resolve(name_or_path: str | Path, folder: Path, what: str) -> Path:
         raise SceneError(
             f"{text}: no such file, and no shipped {what} of that name{guess}; shipped: {', '.join(names)}"
         )
-    raise SceneError(f"{text}: no such {what} file{name_hint(path)}; check the path")
+    missing = describe_missing(path) if os.path.islink(path) else f"no such {what} file{name_hint(path)}"
+    raise SceneError(f"{text}: {missing}; check the path")

@@ -66,7 +66,7 @@ def load_scene(
     ground: str | None = None,
     allow_outside: bool = False,
 ) -> Scene:
-    """Load a scene file, a shipped scene, a dict as for ``mi.load_dict``, or what Mitsuba has loaded.
+    """Load a scene file, a shipped scene, a dict as for ``mi.load_dict``, or a scene that Mitsuba has loaded.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def _check_options(mesh: MeshOptions, scene: object, label: str) -> None:
 
 
 def _add_shapes(collector: Collector, root: Element, label: str, mesh: MeshOptions | None) -> None:
-    """Add every shape of a scene in metres with z up, and note what is assumed of files without a radar."""
+    """Add every shape of a scene in metres with z up, and note assumptions for files without a radar."""
     shapes, options = list(placed_shapes(root)), mesh or MeshOptions()
     frame = find_frame(label, root, shapes, collector.reader, options)
     if frame.doubt:

@@ -35,7 +35,7 @@ def name_hint(path: Path) -> str:
     try:
         with os.scandir(path.parent) as entries:
             beside = [entry.name for entry in islice(entries, _COMPARED)]
-    except OSError:
+    except (OSError, ValueError):
         return ""
     guess = did_you_mean(path.name, sorted(beside))
     return "" if f'"{path.name}"' in guess else guess
@@ -133,6 +133,13 @@ def check_unpacked(claimed: int, size: int, most: int | None = None) -> None:
             f"the file of {size} bytes claims to unpack to {claimed / 1e6:.6g} MB, above the limit of "
             f"{most / 1e6:.4g} MB; it is damaged or malicious"
         )
+
+
+def describe_missing(path: Path | str) -> str:
+    """Why a path does not exist, for an error message: it is not there, or is a link whose target is not."""
+    if os.path.islink(path):
+        return "is a link to a file that does not exist"
+    return f"no such file or folder{name_hint(Path(path))}"
 
 
 def is_inside(name: str | Path, folder: Path) -> bool:

@@ -1,20 +1,7 @@
-"""Charts: account of an image, error against time, curves against a reference, echoes, focusers, fits, responses.
+"""Charts: account of an image, error against time, curves against a reference, echoes, focusers, fits, image quality.
 
-Bar charts of the account of an image: error by cause and seconds by stage.
-
-Plots of error against time.
-
-Plots of curves against their reference: reference as a line, measured values as points, deviation below.
-
-Picture of raw data: level of the echoes over range or fast time and pulse.
-
-Images of all focusers side by side, with their differences from the reference.
-
-Picture of a fit: measured data, model, and what the model leaves of them.
-
-Images of one grid side by side, each with its title, scale and colour bar.
-
-Picture of image quality: points, areas and impulse responses.
+References are lines, measured values points, deviations below. Images of one grid are side by side, each with its
+title, scale and colour bar, or with its difference from the reference.
 """
 
 import math
@@ -66,7 +53,7 @@ _LEAST = 0.01
 
 
 def account_figure(account: Account, title: str = "") -> Figure:
-    """Two charts: what the error is made of, and where the time went.
+    """Two charts: parts of the error, and parts of the time.
 
     Parameters
     ----------
@@ -233,7 +220,7 @@ def cost_figure(
 def depth_figure(
     errors_db: Sequence[float], energies_db: Sequence[float], seconds: Sequence[float], title: str
 ) -> Figure:
-    """Plot what each bounce adds to an image and what it costs, from the first bounce on.
+    """Plot the contribution of each bounce to an image and its cost, from the first bounce on.
 
     Parameters
     ----------

@@ -1,8 +1,7 @@
 """Quick-look pictures: by default grey decibels, axes in metres, range to the right, azimuth up, not smoothed.
 
-Scale bar and directions of flight, look, east and north in the margin below a picture.
-
-Optical plan of a scene beside its image: faces seen from above, shaded, on axes of the ground.
+The margin has a scale bar and directions of flight, look, east and north. Beside the image may be an optical plan of
+the scene: faces seen from above, shaded, on axes of the ground.
 """
 
 import dataclasses
@@ -213,7 +212,7 @@ def quicklook(
     options : of the picture; None: the defaults
     channel : overrides that in ``options``
     title : first line above the picture; None: the scene's name
-    scene : of the image, needed for what follows
+    scene : of the image, needed for the following
     outlined : draw footprints and laid over upper rims of bodies, see :mod:`sarmitsuba.view.outlines`
     with_plan : draw the scene seen from above, to the same scale, to the right
 
@@ -450,7 +449,7 @@ def _colour_bar(
 
 
 def _not_usable(image: SarImage) -> str:
-    """Mark of an image whose rays miss what an image needs, by what was measured; empty for others."""
+    """Mark of an image whose rays miss the tolerance, by the measurement; empty for others."""
     witnesses = image.metadata.get("witnesses")
     rays = Witness.read(witnesses.get("rays")) if isinstance(witnesses, Mapping) else None
     if rays is None or not (rays.useless and rays.law_db > USELESS_DB):

@@ -14,7 +14,7 @@ from sarmitsuba.core.errors import DataError
 from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw_data import Layer
 from sarmitsuba.view.display import QUANTITIES, PictureOptions, limits_db, prepare, screen_size
-from sarmitsuba.view.profile import cut, profile
+from sarmitsuba.view.profile import cut_profile, profile
 from sarmitsuba.view.quicklook import (
     bounce_orders,
     draw,
@@ -294,14 +294,14 @@ def test_orders_are_shown_apart(tmp_path: Path) -> None:
 def test_profile_runs_through_the_peak() -> None:
     image = make_image(30, 40, (0.5, 0.25))
     image.data[0, 7, 11] = 100.0
-    position, values, place = cut(image, "range")
+    position, values, place = cut_profile(image, "range")
     assert place == 3.5
     assert position[values.argmax()] == 9000.0 + 11 * 0.25
     assert values.max() == pytest.approx(40.0, abs=1e-5)  # tol: float32 rounding
-    assert cut(image, "azimuth")[2] == 9000.0 + 11 * 0.25
+    assert cut_profile(image, "azimuth")[2] == 9000.0 + 11 * 0.25
     assert profile(image, "azimuth").axes[0].get_xlabel() == "azimuth (m)"
     with pytest.raises(DataError, match="outside the image, 0 to"):
-        cut(image, "range", at=99.0)
+        cut_profile(image, "range", at=99.0)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -134,7 +134,8 @@ def jacobian(
     scene : as loaded, a scene file, or the name of a shipped scene
     parameters : text such as ``"levels,track:5"``, or texts and objects, see :func:`sarmitsuba.apps.fit.parsing.parse`
     values : (n,) of the parameters at which they are taken; None: those of the scene
-    edges : with what the edges of moving shapes hide and show; without, the derivatives of a town take a few runs less
+    edges : with the parts that the edges of moving shapes hide and show; without, the derivatives of a town take a few
+    runs less
     witness : whether the derivatives by each kind of parameter are measured against a central difference: two plain
         runs each, and for moving shapes their derivatives without edges
     progress : called with the share that is done
@@ -153,7 +154,7 @@ def jacobian(
     Notes
     -----
     Shadow boundaries and the boundaries of lit areas move with the edges that cast them, in the mean over the place of
-    the ray lattice (:mod:`sarmitsuba.tracing.scatterers.edges.edge_tangents`): on all legs of up to three bounces, but
+    the ray lattice (:mod:`sarmitsuba.tracing.derivatives.edge_tangents`): on all legs of up to three bounces, but
     not what hides a
     diffuse scatterer that is lit over a mirror from the antenna. Of displacements it ignores the change of amplitudes
     by spreading and beam, which is :math:`\lambda / 4 \pi R` of the change of phase. Within a block of pulses that

@@ -25,7 +25,7 @@ from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, EveryPulse, KeyPulse, Pulses, Traced
-from sarmitsuba.tracing.derivatives.adjoint_grids import AdjointGrids, GradientSum
+from sarmitsuba.tracing.derivatives.echo_derivatives import AdjointGrids, GradientSum
 from sarmitsuba.tracing.derivatives.tangent_slots import MovingShapes, SlotTangents
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def gradient(
     loss : function of the raw data, complex64 (channels, pulses, samples), that returns its value and the adjoint data
         of the same shape; such as :class:`sarmitsuba.apps.fit.losses.SquaredDifference`
     values : (n,) of the parameters at which it is taken; None: those of the scene
-    edges : with what the edges of moving shapes hide and show, as for :func:`sarmitsuba.jacobian`
+    edges : with the parts that the edges of moving shapes hide and show, as for :func:`sarmitsuba.jacobian`
     witness : whether the gradient of each kind of parameter is measured against a central difference: two plain runs
         each, and for moving shapes a run back without edges
 
@@ -121,7 +121,7 @@ def gradient(
     Levels, maps of levels, shifts, heights, scales and rotations of shapes take one run back together; other parameters
     one run for every eight of them, and so do shapes where scatterers beside the surfaces (edges, wires, volumes) are
     traced. Ignores the same as :func:`sarmitsuba.jacobian`. For many steps of an optimiser,
-    :class:`Objective` keeps what is planned once. The last bits of a gradient depend on the order in which threads end.
+    :class:`Objective` keeps the plan. The last bits of a gradient depend on the order in which threads end.
     """
     return Objective(scene, parameters, loss, edges=edges).at(values, witness=witness)
 
@@ -199,7 +199,7 @@ def apply_transpose(
     model : raw data as a function of n values
     adjoint : (channels, pulses, samples) complex, g
     values : (n,) at which it is taken; None: those of the scene
-    edges : with what moving edges hide and show
+    edges : with the parts that moving edges hide and show
 
     Returns
     -------

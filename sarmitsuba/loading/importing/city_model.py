@@ -1,6 +1,6 @@
 """Model of a city in the scene's frame: position, ground, buildings, meshes.
 
-Attributes of buildings from OpenStreetMap tags and equivalent properties of other maps.
+Attributes of buildings come from OpenStreetMap tags and equivalent properties of other maps.
 """
 
 import re
@@ -408,13 +408,14 @@ def _building(
     pitched = one.roof_shape in (*GABLED, *PYRAMIDS)
     height = one.height - one.above
     roof = min(one.roof if one.roof > 0.0 else rise(polygon, height), height) if pitched else 0.0
+    top = one.height + (roof if one.lacks_roof else 0.0)
     sunk = FOOT + (options.tolerance if sloped else 0.0)
     return Building(
         polygon,
         foot=low + one.above if one.above else low - sunk,
         ground=low + one.above,
-        eaves=low + one.height - roof,
-        ridge=low + one.height,
+        eaves=low + top - roof,
+        ridge=low + top,
         roof_shape=one.roof_shape,
         across=one.across,
         wall=materials["walls"],
@@ -584,6 +585,7 @@ def footprint(
     if np.isnan(roof) and roof_levels > 0.0:
         roof = roof_levels * storey
     height = _positive(source, name, tags, _HEIGHTS, _TALLEST, "heights")
+    lacks_roof = np.isnan(height) and levels > 0.0 and not roof > 0.0
     if np.isnan(height) and levels > 0.0:
         height = levels * storey + (roof if roof > 0.0 else 0.0)
     elif np.isnan(height):
@@ -604,6 +606,7 @@ def footprint(
         height,
         above,
         roof=roof,
+        lacks_roof=bool(lacks_roof),
         roof_shape=str(tags.get("roof:shape", "")),
         across=tags.get("roof:orientation") == "across",
         storey=storey,

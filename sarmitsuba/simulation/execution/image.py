@@ -202,13 +202,14 @@ class Imager:
         scatter = np.nan
         if has_subsets(layers.layers):
             scatter = max(estimate_error(data, layers.layers, pixels=False).error_db)
-        rays, seed = self.rays(pass_index)[0], self.run.scene.settings.seed
+        scene, rays = self.run.scene, self.rays(pass_index)[0]
+        seed, wavelength = scene.settings.seed, scene.radar.waveform.wavelength
         allowed = max(WITNESS_SHARE * (before.rays + before.contributions), WITNESS_LEAST)
 
         def traced(some: Sequence[LaunchGrid]) -> C64:
-            return by_channel(self._trace(tuple(some)))
+            return by_channel(self._trace(tuple(some), lambda launch: launch.part.rays > 0))
 
-        found = witness_rays(traced, rays, energy, scatter, seed, allowed)
+        found = witness_rays(traced, rays, energy, scatter, wavelength, seed, allowed)
         self.run.statistics = before
         return found
 
@@ -270,8 +271,10 @@ class Imager:
                 self.run.notes += check_small_parts(self.sampling, self.run.shortfalls)
         return self._lattices[pass_index]
 
-    def _trace(self, rays: tuple[LaunchGrid, ...]) -> C64:
-        """Contributions of one ray subset on the grid of the looks."""
+    def _trace(
+        self, rays: tuple[LaunchGrid, ...], wanted: Callable[[Launch], bool] = lambda launch: True
+    ) -> C64:
+        """Contributions of one ray subset on the grid of the looks; ``wanted``: launches that are traced."""
         run, grid = self.run, self.look.grid
         wavelength = run.scene.radar.waveform.wavelength
 
@@ -280,11 +283,20 @@ class Imager:
             return ImageAccumulator(grid, *shape, wavelength)
 
         cells: C64 | None = None
-        for accumulator, share in self.launched(rays, empty):
+        for accumulator, share in self.launched(rays, empty, wanted=wanted):
             part = grid.filter_cells(np.asarray(accumulator.grid()), share, wavelength)
             cells = part if cells is None else cells + part
         assert cells is not None
         return cells
+
+    @property
+    def tracer(self) -> Tracer:
+        """Tracer of the looks."""
+        if self._tracer is None:
+            assert self.sampling is not None
+            # the image is corrected for the pattern, so the look is traced without it
+            self._tracer = self.run.tracer(self.sampling, antenna_pattern=False)
+        return self._tracer
 
     def launched(
         self,
@@ -303,13 +315,9 @@ class Imager:
         wanted : launches to be traced
         """
         run, grid, time = self.run, self.look.grid, self.look.time
-        if self._tracer is None:
-            assert self.sampling is not None
-            # the image is corrected for the pattern, so the look is traced without it
-            self._tracer = run.tracer(self.sampling, antenna_pattern=False)
-        with_numbers = self._tracer if term is None else self._tracer.of_term(term)
+        with_numbers = self.tracer if term is None else self.tracer.of_term(term)
         most = max(1, MAX_LANES // max(lattice.n_rays for lattice in rays))
-        together = min(most, grid.n_looks, self._tracer.most_pulses or grid.n_looks)
+        together = min(most, grid.n_looks, self.tracer.most_pulses or grid.n_looks)
         for i, (tracer, share) in enumerate(with_numbers.over_band()):
             accumulator = empty()
             for first in range(0, grid.n_looks, together):
@@ -392,7 +400,7 @@ class Imager:
                 data[i] += noise * look.gain * np.float32(SUBSET_SHARES[layers[i].subset])
 
     def _look_cells(self) -> AzimuthCells:
-        """Resolution cells of the image: of every pixel's own aperture, or of one response for all."""
+        """Resolution cells of the image: of every pixel's aperture, or of one response for all."""
         if self.look.grid.fan is None:
             return self._middle_cells()
         radar, window = self.run.scene.radar, self.windows[1]

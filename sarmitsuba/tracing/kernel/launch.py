@@ -29,12 +29,14 @@ class LatticeLevel:
     spacing : m between neighbours
     needs : m, lower and upper bound of the ray spacing needed by the faces that these rays sample
     serves : bounces whose echoes these rays give
+    weight : factor on the amplitudes of their echoes, such as -1 for rays whose echoes are taken off
     """
 
     first: int
     spacing: float
     needs: tuple[float, float]
     serves: Serves = "all"
+    weight: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +55,7 @@ class LaunchGrid:
     frame : launch plane of this lattice; None: that of the launch window
     pulses : first pulse that these rays serve, and the one after the last; None: all
     n_own : number of the pulses whose rays ``x`` and ``y`` hold in turn, equally many each; 1: all have the same
-    edges : rays on both sides of edges, for derivatives, see :mod:`sarmitsuba.tracing.scatterers.edges.edge_tangents`;
+    edges : rays on both sides of edges, for derivatives, see :mod:`sarmitsuba.tracing.derivatives.edge_tangents`;
         None: a lattice
     """
 

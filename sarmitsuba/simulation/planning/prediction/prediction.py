@@ -1,6 +1,6 @@
-"""Predicted time by stage and memory of a run, from tracing one batch of it.
+"""Predicted time by stage and memory of a run, from tracing one batch of it; and its explanation before it starts.
 
-Explanation of a run before it starts: effects with their reasons, time and memory.
+An explanation has the effects with their reasons, time and memory.
 """
 
 import gc
@@ -55,7 +55,7 @@ class Prediction:
     seconds : by stage, in the order of the run
     measured : whether they are measured on a part of the run; else from a model of speed
     memory : bytes, peak memory of the process, interpreter and libraries included
-    refusal : why the run does not fit into memory, and what to change; empty where it fits
+    refusal : why the run does not fit into memory, and the remedy; empty where it fits
     rays, key_pulses, contributions : numbers in the whole run
     pixels : of the image, all layers
     key_pulse_interval : pulses that share one tracing; 0 where nothing is traced
