@@ -109,7 +109,7 @@ def test_parts_named_alike_are_one_object() -> None:
         ("lawn", ""),
         ("house", "building"),
     ]
-    shape, part = found["shape"], found["part"]
+    shape, part = (np.asarray(found[name], dtype=np.int64) for name in ("shape", "part"))
     assert found.layers["part"].codes == {0: "none", 1: "lawn", 2: "house/walls", 3: "house/roof"}
     assert np.any(part == 3) and ((part >= 2) == (shape == 2)).all()
     # the house alone hides the ground behind it, whichever part a line of sight meets

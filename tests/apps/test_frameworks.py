@@ -36,7 +36,8 @@ def loss_of(weight: float) -> Any:
 
     def loss(data: C64) -> tuple[float, C128]:
         row = weight * np.arange(data.shape[1])[None, :, None]
-        return float(np.sum(row * np.abs(data.astype(np.complex128)) ** 2)), 2.0 * row * data
+        whole: C128 = data.astype(np.complex128)
+        return float(np.sum(row * np.abs(whole) ** 2)), (2.0 * row * whole).astype(np.complex128)
 
     return loss
 

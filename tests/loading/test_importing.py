@@ -175,6 +175,16 @@ def test_a_building_is_an_object_and_its_parts_have_its_name(tmp_path: Path) -> 
         assert name == "ground 0" or np.ptp(corners[..., 0]) == pytest.approx(12.0, abs=1e-6)
 
 
+@pytest.mark.parametrize("turn", [0.0, 20.0, 44.0, 85.0])
+def test_the_heading_along_most_walls_is_told(turn: float, tmp_path: Path) -> None:
+    houses = [shapely.affinity.rotate(shapely.box(40 * i, 0, 40 * i + 12, 9), turn) for i in range(3)]
+    houses.append(shapely.affinity.rotate(shapely.box(120, 60, 123, 64), turn + 30.0))
+    source = write_features(tmp_path / "a.geojson", [feature(p, i, height=6) for i, p in enumerate(houses)])
+    model = import_scene(source, tmp_path / "a.xml", ImportOptions(crs="local", facades=PLAIN))
+    heading = round(-turn % 90.0)  # counter-clockwise turns are westward headings
+    assert any(f"90 % of the walls run along or across heading {heading} deg" in note for note in model.notes)
+
+
 def test_a_radar_laid_over_keeps_the_place(tmp_path: Path) -> None:
     source = write_features(tmp_path / "a.geojson", [feature(shapely.box(-60.1, 20, -60.0999, 20.0001), 1)])
     import_scene(source, tmp_path / "a.xml")

@@ -429,3 +429,48 @@ def test_names_of_missing_files_are_guessed(tmp_path: Path) -> None:
         load_scene(tmp_path / "hause.ply")
     with pytest.raises(SceneError, match=r"no such scene file; check the path"):
         load_scene(tmp_path / "quite_another.ply")
+
+
+EXPORTED = """<scene version="2.1.0">
+<default name="spp" value="64"/>
+<integrator type="path" id="elm__1" name="elm__1"><integer name="max_depth" value="8"/></integrator>
+<sensor type="perspective" id="elm__2" name="elm__2"><float name="fov" value="39.6"/><film type="hdrfilm" name="film">
+<integer name="width" value="1920"/></film><sampler type="independent" name="sampler">
+<integer name="sample_count" value="$spp"/></sampler></sensor>
+<emitter type="point" id="elm__3" name="elm__3"><point name="position" x="4" y="6" z="-1"/></emitter>
+{materials}<bsdf type="mask" id="mat-Leaf"><float name="opacity" value="0.5"/><bsdf type="diffuse"/></bsdf>
+{shapes}</scene>"""
+PRINCIPLED = """<bsdf type="twosided" id="mat-{name}" name="mat-{name}"><bsdf type="principled" name="bsdf">
+<rgb value="0.8 0.8 0.8" name="base_color"/><float name="metallic" value="{metallic}"/>
+<float name="specular" value="0.5"/><float name="roughness" value="0.4"/></bsdf></bsdf>"""
+
+
+def test_what_blender_exports_is_read_without_options(tmp_path: Path) -> None:
+    """Version 2.1.0, y up in the vertices, materials by their names, a car of bare metal, metres."""
+    bodies = {
+        "Plane": ((80.0, 80.0, 0.0), (0, 0, 0)),
+        "Cube_001": ((10.0, 8.0, 12.0), (0, 0, 6)),
+        "Car": ((4, 2, 1.5), (12, 5, 0.75)),
+    }
+    kinds = {"Plane": "Lawn.001", "Cube_001": "Brick wall.003", "Car": "Material.002"}
+    shapes = ""
+    for name, (size, place) in bodies.items():
+        body = trimesh.creation.box(size)
+        body.apply_translation(place)
+        upright(trimesh.Scene(body)).to_geometry().export(tmp_path / f"{name}.ply")
+        shapes += (
+            f'<shape type="ply" id="elm__{name}" name="elm__{name}"><string name="filename" value="{name}.ply"/>'
+            f'<boolean name="face_normals" value="true"/><ref id="mat-{kinds[name]}" name="bsdf"/></shape>'
+        )
+    materials = "".join(
+        PRINCIPLED.format(name=kind, metallic=float(kind == "Material.002")) for kind in kinds.values()
+    )
+    path = tmp_path / "scene.xml"
+    path.write_text(EXPORTED.format(materials=materials, shapes=shapes))
+    with pytest.warns(SarmitsubaWarning, match="perfect conductor .* if metallic"):
+        scene = load_scene(path, radar=RADAR)
+    low, high = scene.geometry.bounds + scene.offset
+    np.testing.assert_allclose([low, high], [[-40, -40, 0], [40, 40, 12]], atol=1e-5)  # tol: float32 meshes
+    lawn, brick, metal = scene.materials
+    assert lawn.diffuse_law == "constant_gamma" and brick.diffuse_law == "lambert"
+    assert metal.metallic and not brick.metallic and not lawn.metallic

@@ -20,6 +20,7 @@ from sarmitsuba.loading.importing.buildings import (
     add_building,
     add_pavement,
     rise,
+    wall_segments,
 )
 from sarmitsuba.loading.importing.facades import FacadeBuilder
 from sarmitsuba.loading.importing.import_options import ImportOptions
@@ -58,6 +59,8 @@ MATERIALS = {
 _MARGIN, _MARGIN_HEIGHTS = 20.0, 1.5
 # share of an outline covered by building parts from which the outline is omitted
 _COVERED = 0.9
+# deg from a heading within which walls return a line at their feet, and share of the walls from which it is told
+_WITHIN_DEG, _ALONG = 3.0, 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -492,6 +495,23 @@ def _add_ground(
     )
 
 
+def main_heading(walls: F64) -> tuple[float, float]:
+    """Heading of most walls, modulo 90 deg, 0 to 89, clockwise from y; and the share of their length within 3 deg.
+
+    Parameters
+    ----------
+    walls : (n, 2, 2) float64, m, start and end in plan
+    """
+    step = walls[:, 1] - walls[:, 0]
+    length = np.hypot(step[:, 0], step[:, 1])
+    heading = np.degrees(np.arctan2(step[:, 0], step[:, 1])) % 90.0
+    away = np.abs((heading[:, None] - np.arange(90.0) + 45.0) % 90.0 - 45.0)
+    along = length @ (away <= _WITHIN_DEG)
+    near = length @ np.maximum(_WITHIN_DEG - away, 0.0)
+    best = int(np.argmax(near))
+    return float(best), float(along[best] / max(length.sum(), 1e-300))
+
+
 def _counts(
     name: str, buildings: list[Building], n_solids: int, facades: FacadeBuilder, parts: Parts
 ) -> list[str]:
@@ -502,6 +522,13 @@ def _counts(
         lines.append(
             f"{name}: {len(buildings)} buildings on {area:.6g} m^2, {min(high):.3g} m to {max(high):.3g} m high"
         )
+        heading, share = main_heading(np.concatenate([wall_segments(b.polygon) for b in buildings]))
+        if share >= _ALONG:
+            lines.append(
+                f"{name}: {100.0 * share:.0f} % of the walls run along or across heading {heading:.0f} deg; -D "
+                f"heading_deg={heading:.0f} shows lines at their feet where the ground is smooth (--material "
+                "ground=asphalt)"
+            )
     if n_solids:
         lines.append(f"{name}: {n_solids} buildings of polygons")
     o = facades.options
