@@ -13,8 +13,7 @@ Pixels are interpolated at base band, without the ramp, by splines of degree 5.
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.integrate
-import scipy.ndimage
+import scipy
 
 from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.core.constants import EARTH_GRAVITY, EARTH_ROTATION
