@@ -8,6 +8,7 @@ from sarmitsuba.analysis.error_budget import (
     BOUND,
     LAW,
     MEASURED,
+    NONE_DB,
     UNKNOWN,
     BudgetFacts,
     ErrorPart,
@@ -416,7 +417,7 @@ def _path(name: str, value: object) -> str:
 
 
 def _level(error_db: float) -> str:
-    return f"{error_db:.1f}" if math.isfinite(error_db) else "none"
+    return f"{error_db:.1f}" if error_db > NONE_DB and math.isfinite(error_db) else "none"
 
 
 def _finite(value: float, digits: int = 2) -> float | None:

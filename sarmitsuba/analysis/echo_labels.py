@@ -4,21 +4,25 @@ Boxes of shapes have the share of the shape that the antenna sees, and the pixel
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.analysis.geometric_labels import SurfacePoints, surface_points
+from sarmitsuba.analysis.label_classes import shape_names
 from sarmitsuba.analysis.label_owners import SceneOwners, SceneShapes
 from sarmitsuba.analysis.label_sight import SightLines, surface_samples
 from sarmitsuba.core.arrays import F32, F64, I64, unit_rows
 from sarmitsuba.core.constants import DEFAULT_WINDOW
-from sarmitsuba.core.errors import DataError, RadarError
+from sarmitsuba.core.errors import DataError, RadarError, SceneError
+from sarmitsuba.core.parameters import did_you_mean, one_line
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.signal.focusing.grid import default_grid
 from sarmitsuba.signal.focusing.placement import ImagePlacement
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.pixel_labels import LabelLayer, LabelledInstance
@@ -285,6 +289,82 @@ class EchoLabels:
         return self.groups.image(self.groups.cells(self._present))
 
 
+@dataclass(frozen=True)
+class MechanismEcho:
+    """Backscatter of an object by one mechanism.
+
+    Parameters
+    ----------
+    mechanism : name
+    bounces : number of reflections, as text; empty where the mechanism has none
+    rcs : m^2
+    """
+
+    mechanism: str
+    bounces: str
+    rcs: float
+
+
+_BOUNCES = {
+    "single bounce": "1",
+    "diffuse": "1",
+    "wall and ground": "2",
+    "double bounce": "2",
+    "triple bounce": "3",
+    "multiple bounces": "> 3",
+    "diffuse after mirror": "> 1",
+    "diffuse pair": "2",
+}
+
+
+@exclusive
+def object_echoes(scene: Scene, name: str, channel: str | None = None) -> tuple[MechanismEcho, ...]:
+    r"""Radar cross section of one object in its image by mechanism, in the order of bounces.
+
+    .. math:: \sigma = \sum_p |s_p|^2 \, A_\mathrm{pixel} / A_\mathrm{cell}
+
+    over the pixels, which is sigma0 integrated over area: the RCS of a lone point, and the mean one of clutter.
+
+    Parameters
+    ----------
+    scene : as loaded
+    name : of an object, or a pattern of names such as ``"house*"``, whose echoes are taken together
+    channel : polarisation; None: the first
+
+    Raises
+    ------
+    SceneError : no object has this name
+    DataError, RadarError : method ``image``, which makes the look, refuses the scene
+
+    Notes
+    -----
+    Paths over two objects count in halves, see docs/labels.md. Mechanisms interfere: their sum is not the RCS of all.
+    """
+    names = shape_names(scene)
+    if not any(name == one or fnmatchcase(one, name) for one in names):
+        raise SceneError(
+            f'{scene.name}: no object "{one_line(name)}"{did_you_mean(name, names)}; objects are shapes by their id, '
+            "parts named OBJECT/PART joined"
+        )
+    if channel is not None and channel not in scene.radar.channels:
+        raise SceneError(
+            f"{scene.name}: no channel {one_line(channel)!r}; the radar has {', '.join(scene.radar.channels)}"
+        )
+    echoes = EchoLabels(scene, default_grid(scene.radar, scene.image), {})
+    layer = 0 if channel is None else echoes.groups.channels.index(channel)
+    wanted = np.array([one == name or fnmatchcase(one, name) for one in (*echoes.shapes.names, "")])
+    wanted[-1] = False
+    out = {}
+    for mechanism, groups in echoes.parts(np.where(wanted[echoes.shape], echoes.mechanism, -1)):
+        image = echoes.imager.pack(echoes.groups.image(echoes.groups.cells(groups)))
+        cell = image.cell_area * (np.sin(image.incidence_angle) if image.grid.kind == "slant" else 1.0)
+        pixel = image.grid.azimuth_spacing * image.grid.range_spacing
+        power = np.square(np.abs(image.data[layer]), dtype=np.float64)
+        out[MECHANISMS[mechanism]] = float((power * pixel / cell).sum())
+    order = sorted(out, key=lambda one: (_BOUNCES.get(one, "~"), MECHANISMS.index(one)))
+    return tuple(MechanismEcho(one, _BOUNCES.get(one, ""), out[one]) for one in order if out[one] > 0.0)
+
+
 @exclusive
 def echo_labels(
     scene: Scene,
@@ -293,6 +373,7 @@ def echo_labels(
     *,
     windows: tuple[str, str] = (DEFAULT_WINDOW, DEFAULT_WINDOW),
     points: Callable[[], SurfacePoints] | None = None,
+    mechanisms: Sequence[str] | None = None,
 ) -> tuple[dict[str, LabelLayer], tuple[LabelledInstance, ...], tuple[str, ...]]:
     """Labels of pixels from the echoes of one look, as method ``image`` makes them.
 
@@ -303,6 +384,7 @@ def echo_labels(
     classes : semantic class of shapes, by name; None: without layers of classes
     windows : of range and azimuth
     points : gives the scene's surfaces in the image where they are already known, for shadows of instances
+    mechanisms : of the echoes that layers and boxes of instances are made of; None: all
 
     Returns
     -------
@@ -333,7 +415,7 @@ def echo_labels(
     layers["mechanism_energy"] = LabelLayer(
         energy, "m^2", "power of the echoes of each mechanism, as RCS, summed over channels", parts=MECHANISMS
     )
-    instances, by_shape, own = _instances(echoes, points or (lambda: surface_points(scene, grid)))
+    instances, by_shape, own = _instances(echoes, points or (lambda: surface_points(scene, grid)), mechanisms)
     numbered = {i + 1: name for i, name in enumerate(echoes.shapes.names)}
     layers |= _make_part_layers("instance", "shape of most of the power", by_shape, echoes.shapes.names)
     layers["second_instance"] = LabelLayer(
@@ -368,12 +450,15 @@ def _make_part_layers(
 
 
 def _instances(
-    echoes: EchoLabels, points: Callable[[], SurfacePoints]
+    echoes: EchoLabels, points: Callable[[], SurfacePoints], mechanisms: Sequence[str] | None
 ) -> tuple[tuple[LabelledInstance, ...], EchoShares, NDArray[np.bool_]]:
     """Instances, the comparison of their powers, and where the strongest one has echoes."""
     shapes, scene = echoes.shapes, echoes.scene
     shares, own = EchoShares(echoes.grid.shape), np.zeros(echoes.grid.shape, dtype=bool)
-    for number, wanted in echoes.parts(np.where(echoes.shape < shapes.n, echoes.shape, -1)):
+    counted = echoes.shape < shapes.n
+    if mechanisms is not None:
+        counted &= np.isin(echoes.mechanism, [MECHANISMS.index(name) for name in mechanisms])
+    for number, wanted in echoes.parts(np.where(counted, echoes.shape, -1)):
         where, power, near = echoes.groups.powers_of(wanted, OWN_PLACE)
         leads = shares.add(number + 1, where, power)
         own[where] = np.where(leads, near, own[where])

@@ -22,6 +22,10 @@ _ROUNDING_DB = -115.0
 _LOOSE_DB = 10.0
 
 
+# errors below this are none: float32 images resolve no more
+NONE_DB = -200.0
+
+
 @dataclass(frozen=True)
 class ErrorPart:
     """Energy of one error relative to that of the image.
@@ -71,10 +75,10 @@ class ErrorPart:
         """Level and kind as text."""
         if self.known == UNKNOWN or math.isnan(self.error_db):
             return UNKNOWN
-        if self.error_db == -math.inf:
+        if self.error_db <= NONE_DB:
             return (
                 f"none found (95 %: {self.upper_db:.1f} dB), {self.kind}"
-                if self.upper_db > -math.inf
+                if self.upper_db > NONE_DB
                 else "none"
             )
         likely = f" (95 %: {self.upper_db:.1f} dB)" if self.upper_db > self.error_db + 1.0 else ""

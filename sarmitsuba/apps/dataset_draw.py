@@ -355,7 +355,7 @@ class Drawer:
         )
 
     def draw(self, number: int, attempt: int) -> DrawnSample:
-        """Sample of a number; other attempts draw its radar, and a scene of its own, anew.
+        """Sample of a number; other attempts draw its radar, and their scene, anew.
 
         Raises
         ------

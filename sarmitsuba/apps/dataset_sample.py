@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.analysis.echo_labels import NO_CLASS
 from sarmitsuba.analysis.label_classes import classes_of_shapes, shape_names
-from sarmitsuba.analysis.labels import checked_layers, labels
+from sarmitsuba.analysis.labels import checked_layers, checked_mechanisms, labels
 from sarmitsuba.apps.dataset_draw import Drawer, DrawnSample, PlacedShape, aspect_deg
 from sarmitsuba.apps.dataset_recipe import RecipeError
 from sarmitsuba.core.arrays import C64, F64
@@ -79,12 +79,13 @@ def sample_labels(
         return SampleLabels()
     try:
         checked_layers(names)
+        mechanisms = checked_mechanisms(drawer.recipe.mechanisms) or None
     except DataError as error:
         raise RecipeError(f"[labels]: {error}") from None
     present = shape_names(scene)
     classes = classes_of_shapes(present, drawer.recipe.class_table)
     classes |= {shape.name: shape.semantic_class for shape in shapes if shape.name in present}
-    found = labels(scene, grid, classes=classes, layers=names)
+    found = labels(scene, grid, classes=classes, layers=names, mechanisms=mechanisms)
     shared = {"class": (*drawer.classes, NO_CLASS), "material": drawer.materials}
     layers = {
         name: _recode_layer(found.layers[name], shared[name]) if name in shared else found.layers[name]

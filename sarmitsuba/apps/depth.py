@@ -32,7 +32,7 @@ class DepthRow:
     error_db : energy of the image's difference from the deepest one, over that of the deepest one; -inf: none
     energy_db : energy of the image of this bounce alone, over that of the deepest image; -inf: none
     changed : share of the pixels whose level this bounce changes by more than ``CHANGED_DB``; 1 for the first
-    seconds : processor seconds of a run of its own that ends at this bounce, without compiling; NaN: not run
+    seconds : processor seconds of a separate run that ends at this bounce, without compiling; NaN: not run
     """
 
     bounces: int

@@ -264,7 +264,7 @@ class DerivativeTab:
 
 
 def _use_raw_method(scene: Scene) -> Scene:
-    """The scene with the method ``hybrid``, unless its own makes raw data."""
+    """The scene with the method ``hybrid``, unless its method makes raw data."""
     settings = scene.settings
     return (
         scene

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.units import db_from_power, power_from_db
+from sarmitsuba.core.units import db_from_power
 
 # dB above what a law foretold from which a run says so
 CONTRADICTION_DB = 3.0
@@ -82,13 +82,6 @@ class Witness:
     def useless(self) -> bool:
         """Whether the error is so large that the result is of no use."""
         return not self.error_db <= USELESS_DB
-
-    def with_part(self, law_db: float) -> "Witness":
-        """Witness of an error that contains the law's, with that part replaced, dB; NaN: there is none."""
-        old, new = (0.0 if math.isnan(level) else power_from_db(level) for level in (self.law_db, law_db))
-        beyond = (max(power_from_db(level) - old, 0.0) for level in (self.error_db, self.upper_db))
-        error_db, upper_db = (_db(energy + new, 1.0) for energy in beyond)
-        return Witness(error_db, upper_db, self.samples, law_db, self.reference)
 
     def as_dict(self) -> dict[str, object]:
         """Values for JSON; None for no error, or no law."""

@@ -129,7 +129,7 @@ def edge_bounds(
 def _examine(
     edges: SharpEdges, aperture: Aperture, mirrors: tuple[bool, bool], part: F64, size: F64, most: int
 ) -> None:
-    """Replace the largest fringe amplitudes (positions, n) of the edges with the largest bounds by their own."""
+    """Replace the largest fringe amplitudes (positions, n) of the edges with the largest bounds by computed ones."""
     rank = (size * part).max(axis=0, initial=0.0)
     rows = np.arange(edges.n) if most >= edges.n else np.argpartition(-rank, most)[:most]
     if not rows.size:

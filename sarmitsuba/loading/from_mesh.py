@@ -187,7 +187,7 @@ def describe_frame(
 
 
 def has_radar(root: Element) -> bool:
-    """Whether a scene has a radar of its own, so that its shapes are in the radar's frame."""
+    """Whether a scene has a radar, so that its shapes are in the radar's frame."""
     return any(sensor.plugin == SENSOR.plugin for sensor in root.of_kind("sensor"))
 
 

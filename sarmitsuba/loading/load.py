@@ -133,8 +133,7 @@ def load_scene(
         add_mesh_file(collector, file, mesh or MeshOptions())
     else:
         _add_shapes(collector, root, label, mesh)
-    if ground is not None:
-        collector.add_ground_of(ground)
+    collector.add_ground_of(ground, hint=from_mesh)
     return collector.scene()
 
 

@@ -159,7 +159,7 @@ def _placed_parts(path: Path, where: str) -> list[MeshPart]:
 
 
 def _placements(loaded: "trimesh.Scene", path: Path, where: str) -> dict[Hashable, F64]:
-    """Transform (4, 4) of every node, from the root down: each is its parent's times its own."""
+    """Transform (4, 4) of every node, from the root down: each is the product of the parent's and the node's."""
     from trimesh.transformations import fix_rigid
 
     graph = loaded.graph

@@ -218,7 +218,7 @@ class _LineNumbers:
         self._ends: dict[int, list[int]] = {}
 
     def of(self, node: "mi.parser.SceneNode") -> str:
-        """Line of a node, from 1, and the file where it is not the scene's own."""
+        """Line of a node, from 1, and the file where it is not the scene file."""
         number = node.file_index
         if number not in self._ends:
             text = regular_files.read_bytes(str(self._state.files[number]))

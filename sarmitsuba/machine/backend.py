@@ -155,7 +155,7 @@ class Backend:
     Parameters
     ----------
     variant : present Mitsuba variant
-    llvm_path : LLVM library given to Dr.Jit; None on a GPU or where Dr.Jit found its own
+    llvm_path : LLVM library given to Dr.Jit; None on a GPU or where Dr.Jit found one
     llvm_version : as Dr.Jit reports it, e.g. ``23.1.4``; None on a GPU
     threads : worker threads of Dr.Jit
     gpu : description by CUDA; None without a usable GPU

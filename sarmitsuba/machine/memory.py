@@ -122,7 +122,7 @@ _ARENA_VARIABLES = {"MALLOC_ARENA_MAX": "", "GLIBC_TUNABLES": "glibc.malloc.aren
 def share_one_heap() -> None:
     """Let threads that start later allocate from one heap, unless the user has set the number of heaps.
 
-    glibc gives each thread its own, up to eight for a processor, and returns little of the memory that threads have
+    glibc gives each thread a heap, up to eight for a processor, and returns little of the memory that threads have
     freed: a process grows towards the sum of the largest use of each heap. Other systems are left as they are.
     """
     if any(name in os.environ and text in os.environ[name] for name, text in _ARENA_VARIABLES.items()):

@@ -61,7 +61,7 @@ class StateVectors:
 
     Notes
     -----
-    Ignores polar motion: the frame is taken as WGS-84's own.
+    Ignores polar motion: the frame is taken as that of WGS-84.
     """
 
     time: F64

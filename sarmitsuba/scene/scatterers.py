@@ -93,7 +93,7 @@ class ScattererKind:
 
     @property
     def states_frequencies(self) -> bool:
-        """Whether a class or instance of its own sets ``frequencies``."""
+        """Whether a class or instance itself sets ``frequencies``."""
         return any(
             "frequencies" in vars(part) for part in (self, *type(self).__mro__) if part is not ScattererKind
         )

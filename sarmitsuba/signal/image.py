@@ -442,7 +442,7 @@ class ShownAxes:
     .. math:: \text{across} = s_r\,\hat r \cdot P, \qquad \text{up} = s_a\,\hat a \cdot P
 
     If an axis is parallel to x or y of the scene, its sign s makes the shown number that coordinate; otherwise s = 1
-    and the number counts from the scene's origin (0, 0) along the axis. In the frame ``radar`` the grid's own
+    and the number counts from the scene's origin (0, 0) along the axis. In the frame ``radar`` the grid's
     coordinates are shown.
 
     Parameters

@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import pytest
 
 from sarmitsuba.core.witness import Witness
 
@@ -37,11 +36,3 @@ def test_a_witness_outlives_its_file() -> None:
     found = Witness(-42.25, -40.5, 64, -58.0, "exact backprojection")
     assert Witness.read(found.as_dict()) == found
     assert Witness.read({"samples": "many"}) is None and Witness.read(7) is None
-
-
-def test_the_part_of_a_law_in_an_error_is_replaced() -> None:
-    both = Witness(-20.0, -17.0, 5).with_part(-20.0)
-    assert both.error_db == pytest.approx(-20.0 + 10.0 * math.log10(2.0)) and both.law_db == -20.0
-    assert both.with_part(-30.0).error_db == pytest.approx(10.0 * math.log10(0.011))
-    assert both.with_part(math.nan).error_db == pytest.approx(-20.0)
-    assert Witness(-math.inf, -math.inf, 5).with_part(-30.0).error_db == pytest.approx(-30.0)

@@ -160,6 +160,21 @@ def test_places_are_those_of_the_earth_to_a_centimetre(seed: int, tmp_path: Path
     assert np.abs(xyz - anchor.to_ecef(points)).max() < 0.01
 
 
+def test_a_building_is_an_object_and_its_parts_have_its_name(tmp_path: Path) -> None:
+    houses = [
+        feature(shapely.box(30.0 * i, 0, 30.0 * i + 12, 9), name, height=6) for i, name in enumerate("aab")
+    ]
+    source = write_features(tmp_path / "a.geojson", houses)
+    import_scene(source, tmp_path / "a.xml", ImportOptions(crs="local", facades=PLAIN))
+    scene = load_scene(tmp_path / "a.xml")
+    assert set(scene.geometry.object_names) == {"way a", "way a (2)", "way b", "ground 0"}
+    assert {"way a/walls", "way a (2)/roofs", "way b/walls"} <= set(scene.geometry.mesh_names)
+    for number, name in enumerate(scene.geometry.object_names):
+        corners = scene.geometry.vertices[scene.geometry.faces[scene.geometry.faces_of_object(number)]]
+        # tol: footprints are metres; rounding
+        assert name == "ground 0" or np.ptp(corners[..., 0]) == pytest.approx(12.0, abs=1e-6)
+
+
 def test_a_radar_laid_over_keeps_the_place(tmp_path: Path) -> None:
     source = write_features(tmp_path / "a.geojson", [feature(shapely.box(-60.1, 20, -60.0999, 20.0001), 1)])
     import_scene(source, tmp_path / "a.xml")

@@ -1,10 +1,13 @@
 """Error bars from subsets: pure arithmetic on made-up planes."""
 
+import math
+
 import numpy as np
 import pytest
 
 from sarmitsuba.core.constants import SUBSET_SHARES
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.witness import Witness
 from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw_data import Layer, RawData
 from sarmitsuba.simulation.execution.error_bars import (
@@ -14,8 +17,10 @@ from sarmitsuba.simulation.execution.error_bars import (
     SHARED_DB,
     SHARED_SCATTER_DB,
     add_error_bars,
+    add_two_sets,
     estimate_error,
     estimate_pass_error,
+    exchange_two_sets,
     has_subsets,
 )
 from sarmitsuba.simulation.execution.passes import Passes
@@ -124,3 +129,17 @@ def test_without_halves_there_is_one_clear_line() -> None:
     assert not has_subsets((Layer("VV"),))
     with pytest.raises(DataError, match="keep_subsets"):
         estimate_error(data, (Layer("VV", 1), Layer("VV", 2)))
+
+
+def test_the_error_of_two_sets_is_a_part_of_the_witness_of_rays() -> None:
+    """Change of one set: bias of 0.01 and scatter of 0.004, of which the mean of two sets has half."""
+    of_one, scatter = (10.0 * math.log10(x) for x in (0.014, 0.004))
+    error = add_two_sets(of_one, scatter)
+    assert error == pytest.approx(10.0 * math.log10(0.012))
+    assert add_two_sets(-30.0, scatter) == pytest.approx(scatter)
+    assert add_two_sets(of_one, math.nan) == of_one
+    found = Witness(error, error, 5, scatter)
+    assert exchange_two_sets(found, scatter) == found
+    assert exchange_two_sets(found, -40.0).error_db == pytest.approx(10.0 * math.log10(0.01005))
+    assert exchange_two_sets(found, -10.0).error_db == pytest.approx(-10.0)
+    assert exchange_two_sets(Witness(-math.inf, -math.inf, 5), -30.0).error_db == pytest.approx(-30.0)

@@ -9,7 +9,7 @@ from sarmitsuba.loading.load import load_scene
 from sarmitsuba.simulation.execution.render import render
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.planning.sampling import chains
-from sarmitsuba.simulation.planning.sampling.chains import every_nth, halve_spacing
+from sarmitsuba.simulation.planning.sampling.chains import Draw, exchange_rays, halve_spacing
 from sarmitsuba.tracing.kernel.launch import lattice
 from sarmitsuba.truth.theory.half_space import fresnel
 
@@ -83,7 +83,12 @@ def test_halved_lattices_tile_the_same_area() -> None:
     grid = lattice(3.0, 2.0, 0.25)
     finer = halve_spacing(grid)
     assert finer.n_rays == 4 * grid.n_rays and [one.spacing for one in finer.every_level] == [0.125]
-    parts = sum(every_nth(grid, 5, k, 8).n_rays for k in range(5))
-    assert parts == grid.n_rays
+    parts = [exchange_rays(grid, {0: Draw(5, k, 8, 2, 3.0)}) for k in range(5)]
+    # each drawn ray is exchanged for sixteen: their areas cancel
+    assert sum(part.n_rays for part in parts) == 17 * grid.n_rays
+    for part in parts:
+        area = [level.weight * level.spacing**2 for level in part.every_level]
+        assert np.dot(np.bincount(part.level), area) == pytest.approx(0.0, abs=1e-9)
+        assert part.every_level[0].weight == 3.0
     # tol: float32 coordinates
     np.testing.assert_allclose([finer.x.mean(), finer.y.mean()], [grid.x.mean(), grid.y.mean()], atol=1e-5)

@@ -1,6 +1,7 @@
 """Errors that a run measures on drawn pulses, against runs that are exact in that respect."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,10 +16,12 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.metrics import image_error_db
 from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution import witnesses
-from sarmitsuba.simulation.execution.ray_witness import halved_plan
+from sarmitsuba.simulation.execution.ray_witness import halved_plan, witness_rays
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.planning.sampling.chains import halve_spacing
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
+from sarmitsuba.tracing.kernel.launch import LatticeLevel, LaunchGrid, lattice
 
 SMALL = {
     "range_film.image_extent_azimuth": "12",
@@ -126,3 +129,30 @@ def test_the_witness_of_rays_holds_the_error_of_two_sets(method: str) -> None:
     found = two.metadata["witnesses"]["rays"]
     assert found["law_db"] <= found["error_db"] <= found["upper_db"] and "two sets" in found["reference"]
     assert one.metadata["witnesses"]["rays"]["law_db"] is None
+
+
+@pytest.mark.parametrize("waves", [1, 4])
+@pytest.mark.parametrize("allowed", [1e6, 2.5e4])
+def test_the_error_of_a_midpoint_rule_is_found_from_a_few_of_its_rays(waves: int, allowed: float) -> None:
+    """Tubes return their middle's value times their area; seen from one direction, and from many at once."""
+    spacing = 0.1
+    grid = replace(lattice(3.0, 3.0, spacing), levels=(LatticeLevel(0, spacing, (0.0, 0.1)),))
+    direction = 1.5 * np.random.default_rng(1).standard_normal((waves, 2)) * (waves > 1)
+
+    def echoes(grids: Sequence[LaunchGrid]) -> C64:
+        out = np.zeros((1, waves), complex)
+        for one in grids:
+            share = np.array([level.weight * level.spacing**2 for level in one.every_level])[one.level]
+            value = share * (np.square(one.x) + np.square(one.y))
+            out[0] += np.exp(1j * (direction @ np.stack([one.x, one.y]))) @ value
+        return out.astype(np.complex64)
+
+    exact = echoes([halve_spacing(halve_spacing(grid))])
+    true = 10.0 * np.log10(np.sum(np.abs(echoes([grid]) - exact) ** 2))
+    seeds = range(10 if allowed < 1e6 else 1)
+    found = [witness_rays(echoes, [grid], np.ones(1), np.nan, 0.8, seed, allowed) for seed in seeds]
+    levels = np.array([[each.error_db, each.upper_db] for each in found if each is not None])
+    # tol: dB, the rest of two halvings where all rays are traced; else the draw of a few runs of rays
+    if waves == 1 or allowed == 1e6:  # a few runs do not show that errors cancel among all
+        assert abs(np.median(levels[:, 0]) - true) < (0.8 if allowed == 1e6 else 3.0)
+    assert np.mean(levels[:, 1] > true - 0.8) >= 0.9  # the confidence that it states

@@ -24,6 +24,7 @@ from sarmitsuba.apps.fit.shape_parameters import ComposedMoves
 from sarmitsuba.core.arrays import C64, C128, F64, I64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.core.errors import RadarError, SceneError
+from sarmitsuba.core.parameters import one_line
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.radar.radar import Radar
@@ -289,6 +290,28 @@ class ForwardModel:
         """Whether pulses share a tracing, so that derivatives of range rates are needed."""
         return any(batch.together and batch.stop - batch.start > 1 for batch in self.batches)
 
+    def checked(self, given: object) -> F64:
+        """Values as an array (n,).
+
+        Raises
+        ------
+        SceneError : they are no finite real numbers, one for each parameter
+        """
+        try:
+            values = np.asarray(given, dtype=np.float64)
+        except (TypeError, ValueError):
+            shown = one_line(repr(given))
+            raise SceneError(f"gradient: values {shown} are no real numbers; give an array of them") from None
+        if values.shape != self.start.shape:
+            raise SceneError(
+                f"gradient: {values.size} values for {len(self.start)} parameters; give one for each, of the shape "
+                f"({len(self.start)},), not {values.shape}"
+            )
+        if not np.isfinite(values).all():
+            wrong = ", ".join(n for n, x in zip(self.names, values, strict=True) if not np.isfinite(x))
+            raise SceneError(f"gradient: no finite value of {wrong}")
+        return values
+
     def split(self, values: F64) -> list[F64]:
         """Values of each parameter, from those of all."""
         sizes = [len(p.values(self.scene)) for p in self.parameters]
@@ -405,7 +428,7 @@ class ForwardModel:
     ) -> tuple[C64, C64]:
         """Raw data (channels, pulses, samples) and derivative (n_values, channels, pulses, samples).
 
-        ``by`` : parameters to differentiate by; None: the model's own. ``edges`` : with the parts that moving edges
+        ``by`` : parameters to differentiate by; None: those of the model. ``edges`` : with the parts that moving edges
         hide and show
         """
         here = self.placed(values)

@@ -231,7 +231,7 @@ def _check_band(scene: Scene, data: RawData) -> None:
 
 
 def _seen_by(scene: Scene, data: RawData, fitted: Iterable[str]) -> Scene:
-    """The scene under the radar that recorded raw data, with its image; ``fitted``: fields that are the scene's own.
+    """The scene under the radar that recorded raw data, with its image; ``fitted``: fields taken from the scene.
 
     Raises
     ------
@@ -289,7 +289,7 @@ def _traced_as(scene: Scene, data: RawData) -> Scene:
 
 
 def _check_shared(looks: Sequence[MeasuredLook]) -> None:
-    """Refuse looks of different scenes, and parameters of a radar, of which each look has its own."""
+    """Refuse looks of different scenes, and parameters of a radar, which differ from look to look."""
     first = looks[0].model
     for parameter in first.parameters:
         if parameter.changed(first.scene, parameter.values(first.scene)).radar is not first.scene.radar:

@@ -17,8 +17,7 @@ from sarmitsuba.apps.fit.moving_edges import EdgeLattices, OfShapes
 from sarmitsuba.apps.fit.parsing import At
 from sarmitsuba.core.arrays import C64, C128, F64, I64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
-from sarmitsuba.core.errors import DataError, SceneError
-from sarmitsuba.core.parameters import one_line
+from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.machine.exclusive import backend_lock, exclusive, threads
 from sarmitsuba.machine.memory import check_fits
@@ -172,15 +171,7 @@ class Objective:
     def at(self, values: F64 | None = None, *, witness: bool = False) -> Gradient:
         """The same with the raw data; None: of the scene as it is; ``witness``: as for :func:`gradient`."""
         model = self.model
-        values = model.start if values is None else _numbers(values)
-        if values.shape != model.start.shape:
-            raise SceneError(
-                f"gradient: {values.size} values for {len(model.start)} parameters; give one for each, of the shape "
-                f"({len(model.start)},), not {values.shape}"
-            )
-        if not np.isfinite(values).all():
-            wrong = ", ".join(n for n, x in zip(model.names, values, strict=True) if not np.isfinite(x))
-            raise SceneError(f"gradient: no finite value of {wrong}")
+        values = model.start if values is None else model.checked(values)
         data = model.data(values)
         value, adjoint = check_loss(self.loss, data)
         found, memory = apply_transpose(model, adjoint, values, edges=self.edges)
@@ -196,20 +187,6 @@ class Objective:
             seen = gradient_witnesses(model, values, data, adjoint, product, model.scene.settings.seed)
             warn_of(model.scene.name, seen)
         return Gradient(model.names, values, found, value, model.raw(data), memory, seen)
-
-
-def _numbers(values: object) -> F64:
-    """Values as an array.
-
-    Raises
-    ------
-    SceneError : they are no real numbers
-    """
-    try:
-        return np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        given = one_line(repr(values))
-        raise SceneError(f"gradient: values {given} are no real numbers; give an array of them") from None
 
 
 def apply_transpose(

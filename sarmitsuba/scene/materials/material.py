@@ -157,7 +157,7 @@ class ClassMap:
     Parameters
     ----------
     bitmap : of numbers of ``materials``, not smooth
-    materials : none invisible, none with maps of its own
+    materials : none invisible, none with maps
     """
 
     bitmap: Bitmap

@@ -370,7 +370,7 @@ def focus(
     ----------
     raw : chirped (compressed here first) or range-compressed data, or the file of such data
     grid : pixels; default: :func:`default_grid` of ``request``, or of the data's request
-    request : image request for the default grid, or a mapping with changes of the data's own, such as
+    request : image request for the default grid, or a mapping with changes of that of the data, such as
         ``{"grid": "ground", "extent_range": 40.0, "spacing_range": 0.1, "height": 3.0}``
     focuser : name in ``FOCUSERS`` (``backprojection``: any track and grid; ``omega_k``, ``range_doppler``,
         ``chirp_scaling``: straight, level, uniform track, a grid along it), with options if wanted, such as

@@ -38,7 +38,7 @@ _WEAK = 0.01
 def image_request(
     raw: RawData | Radar, request: ImageRequest | Mapping[str, object] | None = None
 ) -> ImageRequest:
-    """Image request: the data's own, else a default one, with the requested changes.
+    """Image request: that of the data, else a default one, with the requested changes.
 
     Parameters
     ----------

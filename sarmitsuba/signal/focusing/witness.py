@@ -57,7 +57,7 @@ def sum_exactly(raw: RawData, points: F64, range_window: Window, azimuth_window:
 
     Notes
     -----
-    Range profiles are transformed in single precision, the data's own, and interpolated by eight taps: -130 dB.
+    Range profiles are transformed in single precision, as the data are, and interpolated by eight taps: -130 dB.
     """
     radar, n_pulses = raw.radar, raw.radar.track.n_pulses
     plan = plan_profiles(radar, range_window, interpolation="kernel:8")

@@ -398,9 +398,12 @@ class Blocks:
             )
             return np.stack([planes[[c == channel for c in own]].sum(axis=0) for channel in channels])
 
-        seed = self.tracer.sampling.scene.settings.seed
+        scene = self.tracer.sampling.scene
+        seed, wavelength = scene.settings.seed, scene.radar.waveform.wavelength
         each = allowed / len(pulses)
-        return witness_rays(profiles, rays, energy.mean(axis=0), self._two_sets_db(pulses), seed, each)
+        return witness_rays(
+            profiles, rays, energy.mean(axis=0), self._two_sets_db(pulses), wavelength, seed, each
+        )
 
     def _two_sets_db(self, pulses: NDArray[np.intp]) -> float:
         """Error by the difference of two ray sets at some pulses, worst channel, dB; NaN: there is one set."""
@@ -534,7 +537,7 @@ def strip(grid: LaunchGrid, frame: LaunchFrame, share: float = STRIP, place: flo
 
 
 def _shift_lattice(grid: LaunchGrid) -> LaunchGrid:
-    """Lattice shifted by half the diagonal of its cell, each level by half of its own."""
+    """Lattice shifted by half the diagonal of its cell, each level by half its diagonal."""
     spacing = np.array([level.spacing for level in grid.every_level], dtype=np.float32)
     half = np.float32(0.5 * np.sqrt(2.0)) * spacing[grid.level]
     angle = grid.turn + 0.25 * np.pi

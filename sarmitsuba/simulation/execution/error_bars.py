@@ -1,5 +1,6 @@
 """Error bars of ray sampling: from two independent subsets of a run's rays, or from several passes of rays."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -9,7 +10,7 @@ import numpy as np
 from sarmitsuba.core.arrays import C64, F32, sum_energy
 from sarmitsuba.core.constants import SUBSET_SHARES
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.core.units import amplitude_from_db, db_from_power
+from sarmitsuba.core.units import amplitude_from_db, db_from_power, power_from_db
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.signal.image import SarImage, sliding_means
 from sarmitsuba.signal.raw_data import Layer
@@ -217,6 +218,34 @@ def add_error_bars(image: SarImage) -> SarImage:
     return replace(image, metadata=_add_sampling_error(image.metadata, bars.as_dict()))
 
 
+def add_two_sets(change_db: float, two_sets_db: float) -> float:
+    r"""Error of the mean of two ray sets, dB, from the change of one by finer rays, and from their difference.
+
+    With the bias b and the scatter v of one set the change has the energy :math:`b^2 + v^2`, the error of the mean
+    :math:`b^2 + v^2 / 2`. Two sets state :math:`v^2`, see :func:`estimate_error`, and their statement is the least.
+
+    Parameters
+    ----------
+    change_db, two_sets_db : dB; the latter NaN: there is one set
+    """
+    if math.isnan(two_sets_db):
+        return change_db
+    beyond = power_from_db(change_db) - 0.5 * power_from_db(two_sets_db)
+    return max(db_from_power(max(beyond, 1e-30)), two_sets_db)
+
+
+def exchange_two_sets(found: Witness, two_sets_db: float) -> Witness:
+    """Witness of the rays with another error by the scatter of ray sets, dB, such as that of the image or of passes."""
+    old, new = (0.0 if math.isnan(level) else power_from_db(level) for level in (found.law_db, two_sets_db))
+
+    def level(error_db: float) -> float:
+        bias = power_from_db(error_db) - 0.5 * old if not error_db <= found.law_db else 0.0
+        energy = max(bias + 0.5 * new, new)
+        return db_from_power(energy) if energy > 0.0 else -math.inf
+
+    return replace(found, error_db=level(found.error_db), upper_db=level(found.upper_db), law_db=two_sets_db)
+
+
 def _add_sampling_error(
     metadata: Mapping[str, object], errors: Mapping[str, Mapping[str, object]]
 ) -> dict[str, object]:
@@ -228,5 +257,5 @@ def _add_sampling_error(
         return out
     worst = max(float(error["error_db"]) for error in errors.values())  # type: ignore[arg-type]
     reference = f"{found.reference.partition(',')[0]}, and {next(iter(errors.values())).get('source', '')}"
-    both = replace(found.with_part(worst), reference=reference)
+    both = replace(exchange_two_sets(found, worst), reference=reference)
     return {**out, "witnesses": {**witnesses, "rays": both.as_dict()}}

@@ -202,13 +202,14 @@ class Imager:
         scatter = np.nan
         if has_subsets(layers.layers):
             scatter = max(estimate_error(data, layers.layers, pixels=False).error_db)
-        rays, seed = self.rays(pass_index)[0], self.run.scene.settings.seed
+        scene, rays = self.run.scene, self.rays(pass_index)[0]
+        seed, wavelength = scene.settings.seed, scene.radar.waveform.wavelength
         allowed = max(WITNESS_SHARE * (before.rays + before.contributions), WITNESS_LEAST)
 
         def traced(some: Sequence[LaunchGrid]) -> C64:
-            return by_channel(self._trace(tuple(some)))
+            return by_channel(self._trace(tuple(some), lambda launch: launch.part.rays > 0))
 
-        found = witness_rays(traced, rays, energy, scatter, seed, allowed)
+        found = witness_rays(traced, rays, energy, scatter, wavelength, seed, allowed)
         self.run.statistics = before
         return found
 
@@ -270,8 +271,10 @@ class Imager:
                 self.run.notes += check_small_parts(self.sampling, self.run.shortfalls)
         return self._lattices[pass_index]
 
-    def _trace(self, rays: tuple[LaunchGrid, ...]) -> C64:
-        """Contributions of one ray subset on the grid of the looks."""
+    def _trace(
+        self, rays: tuple[LaunchGrid, ...], wanted: Callable[[Launch], bool] = lambda launch: True
+    ) -> C64:
+        """Contributions of one ray subset on the grid of the looks; ``wanted``: launches that are traced."""
         run, grid = self.run, self.look.grid
         wavelength = run.scene.radar.waveform.wavelength
 
@@ -280,7 +283,7 @@ class Imager:
             return ImageAccumulator(grid, *shape, wavelength)
 
         cells: C64 | None = None
-        for accumulator, share in self.launched(rays, empty):
+        for accumulator, share in self.launched(rays, empty, wanted=wanted):
             part = grid.filter_cells(np.asarray(accumulator.grid()), share, wavelength)
             cells = part if cells is None else cells + part
         assert cells is not None

@@ -45,6 +45,7 @@ from sarmitsuba.simulation.execution.error_bars import (
     add_error_bars,
     estimate_error,
     estimate_pass_error,
+    exchange_two_sets,
 )
 from sarmitsuba.simulation.execution.fingerprint import fingerprint
 from sarmitsuba.simulation.execution.finished import FinishedBlocks
@@ -551,7 +552,7 @@ class _PassImage:
         """Error with that of the ray spacing, dB, which all passes share, as measured in the last and densest one."""
         witnesses = self.passes.metadata.get("witnesses")
         found = Witness.read(witnesses.get("rays")) if isinstance(witnesses, Mapping) else None
-        return error_db if found is None else found.with_part(error_db).error_db
+        return error_db if found is None else exchange_two_sets(found, error_db).error_db
 
 
 def blocks_of(state: Path) -> Path:

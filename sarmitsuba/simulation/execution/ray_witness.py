@@ -1,15 +1,16 @@
-"""Witness of the ray spacing: a drawn share of the rays against four rays in place of each, at half the spacing.
+"""Witness of the ray spacing: a share of the rays against finer ones in their place.
 
-Two sets of rays of one spacing err alike where all tubes are too wide; half the spacing shows it. Cells of a lattice
-are tiled exactly by the cells of their parts, so that the difference of the two is the error of the rays drawn, and
-nothing else. Rays are drawn evenly over the lattice in groups: their common part is the error of the spacing,
-their differences are the chance of the draw.
+Two sets of rays of one spacing err alike where all tubes are too wide; finer rays show it. Cells of a lattice are tiled
+exactly by the cells of their parts, so that the difference of the two is the error of the rays, and nothing else. Both
+are traced at once, one of them with a negative weight. Levels of few rays, which lie about what needs denser rays, are
+traced as a whole. Of those of many, runs of neighbours are drawn in groups: what groups have in common is the error of
+the spacing, what they differ by is the chance of the draw.
 """
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -17,22 +18,26 @@ import scipy
 from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.core.units import db_from_power, power_from_db
-from sarmitsuba.core.witness import USELESS_DB, Witness
-from sarmitsuba.simulation.planning.sampling.chains import every_nth, halve_spacing
+from sarmitsuba.core.witness import CONFIDENCE, USELESS_DB, Witness
+from sarmitsuba.simulation.execution.error_bars import add_two_sets
+from sarmitsuba.simulation.planning.sampling.chains import Draw, exchange_rays
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.tracing.kernel.launch import LaunchGrid
 
-# least and most rays drawn of a lattice; rays that are drawn together: terms of common sides of tubes cancel among
-# them; groups; rays that are traced for each that is drawn
-LEAST_DRAWN, MOST_DRAWN, RUN, GROUPS, PARTS = 5_000, 100_000, 64, 4, 5
+# least rays traced; rounds in which they are, while their scatter leaves the error open by more than so many dB, and
+# groups of each, of runs of neighbours, as terms of common sides of tubes cancel among them; runs of a group in a level
+LEAST_TRACED, ROUNDS, SURE_DB, GROUPS, RUN, LEAST_RUNS = 25_000, 3, 4.0, 3, 256, 4
+# rays traced for a diffuse one that is drawn
+PARTS = 5
+# wavelengths down to which rays are halved where something needs dense ones, and most halvings: what is seen in a
+# curved mirror may converge no sooner
+FINE_WAVELENGTHS, MOST_HALVINGS = 1.0 / 8.0, 2
+# wavelengths of rays whose tubes are narrow enough for any return
+FINEST_WAVELENGTHS = 1.0 / 32.0
 # dB, error below which the ray spacing is not refined further
 FINE_DB = -15.0
 # dB, error from which a contradiction to two sets of rays is said
 SAID_DB = -20.0
-# share of the rays that may be drawn that are drawn at first: all of them where that leaves open whether it is met
-FIRST = 4
-# confidence from which what groups have in common is not the chance of the draw
-SEEN = 0.99
 # dB, energy of a channel relative to the strongest below which it does not count
 EMPTY_DB = -60.0
 # most rays of a lattice of half the spacing
@@ -44,6 +49,7 @@ def witness_rays(
     lattices: Sequence[LaunchGrid],
     energy: F64,
     two_sets_db: float,
+    wavelength: float,
     seed: int,
     allowed: float,
 ) -> Witness | None:
@@ -51,68 +57,164 @@ def witness_rays(
 
     Parameters
     ----------
-    profiles : echoes (n_channels, ...) of some rays of one pulse or look, all of the same weight
+    profiles : echoes (n_channels, ...) of some rays of one pulse or look
     lattices : of one ray set
     energy : (n_channels,) of the echoes of all rays and sources of this pulse or look
     two_sets_db : error measured by the difference of two ray sets, worst channel, dB; NaN: there is one set
+    wavelength : m
     seed : of the draw
     allowed : most rays to be traced
 
     Returns
     -------
-    Witness of the worst channel: the error of the spacing and that of two sets together. The law is the latter alone
+    Witness of the worst channel: of both together. The law is the latter alone
     """
-    coherent = [grid for grid in lattices if grid.purpose != "diffuse"]
-    n_rays = sum(grid.n_rays for grid in coherent)
+    lattices = [grid for grid in lattices if grid.n_rays]
     counted = energy > power_from_db(EMPTY_DB) * energy.max(initial=0.0)
-    if not n_rays or not counted.any():
+    if not lattices or not counted.any():
         return None
-    rng = np.random.default_rng([seed & 0x7FFFFFFF, 0x3A75])
-    least = max(1, -(-n_rays // int(np.clip(allowed / PARTS, LEAST_DRAWN, MOST_DRAWN))))
-    step = FIRST * least if n_rays > FIRST * LEAST_DRAWN else least
+    plan = _Plan.of(lattices, wavelength, max(allowed, LEAST_TRACED) / ROUNDS)
+    change = _Change(profiles, lattices, plan, np.random.default_rng([seed & 0x7FFFFFFF, 0x3A75]))
     while True:
-        common, chance = _differences(profiles, coherent, step, rng)
-        error, spread = (float((x[counted] / energy[counted]).max()) for x in (common, chance))
-        if step == least or db_from_power(error + 2.0 * spread) <= FINE_DB:
+        levels = (db_from_power(float((x[counted] / energy[counted]).max())) for x in change.measure())
+        error_db, upper_db = (add_two_sets(level, two_sets_db) for level in levels)
+        if upper_db <= max(error_db + SURE_DB, SAID_DB) or not change.go_on():
             break
-        step = least
-    reference = "rays at half the spacing" + ("" if math.isnan(two_sets_db) else ", and two sets of rays")
-    bias = Witness(
-        db_from_power(error), db_from_power(error + 2.0 * spread), -(-n_rays // step), reference=reference
-    )
-    return bias.with_part(two_sets_db)
+    reference = "finer rays" + ("" if math.isnan(two_sets_db) else ", and two sets of rays")
+    return Witness(error_db, upper_db, change.n_drawn, two_sets_db, reference)
 
 
-def _differences(
-    profiles: Callable[[Sequence[LaunchGrid]], C64],
-    lattices: Sequence[LaunchGrid],
-    step: int,
-    rng: np.random.Generator,
-) -> tuple[F64, F64]:
-    """Energy of the change by half the spacing, without bias by the draw, and the chance of the draw; (n_channels,)."""
-    groups = GROUPS if step > 1 else 1
-    first = int(rng.integers(step))
-    change = []
-    for k in range(groups):
-        drawn = [every_nth(grid, step * groups, first + k * step, RUN) for grid in lattices]
-        drawn = [grid for grid in drawn if grid.n_rays]
-        if drawn:
-            step_of = np.float32(step * groups)
-            change.append(step_of * (profiles([halve_spacing(grid) for grid in drawn]) - profiles(drawn)))
-    each = np.stack(change)
-    mean = each.mean(axis=0)
-    axes = tuple(range(1, mean.ndim))
-    common = np.square(np.abs(mean), dtype=np.float64).sum(axis=axes)
-    if len(each) < 2:
-        return common, np.zeros_like(common)
-    apart = np.square(np.abs(each - mean), dtype=np.float64).sum(axis=0)
-    n = len(each)
-    chance = apart.sum(axis=axes) / (n * (n - 1))
-    # what the chance of the draw alone may well give is not seen: an F test, with as many degrees of freedom as samples
-    # that carry the chance
-    carry = np.square(apart.sum(axis=axes)) / np.maximum(np.square(apart).sum(axis=axes), 1e-300)
-    limit = scipy.special.fdtri(2.0 * np.maximum(carry, 1.0), 2.0 * (n - 1) * np.maximum(carry, 1.0), SEEN)
-    return np.where(common > limit * chance, common - chance, 0.0), chance
+@dataclass(frozen=True)
+class _Plan:
+    """Levels of lattices whose rays are all traced again, and the share of the others that is drawn.
+
+    Parameters
+    ----------
+    whole : draws by the numbers of the lattice and of the level, and the number of their rays
+    drawn : (number of the lattice, of the level, its rays, halvings of its spacing, whether only later hits count)
+    step : one over the share of a round
+    """
+
+    whole: Mapping[tuple[int, int], tuple[Draw, int]]
+    drawn: tuple[tuple[int, int, int, int, bool], ...]
+    step: int
+
+    @staticmethod
+    def of(lattices: Sequence[LaunchGrid], wavelength: float, allowed: float) -> "_Plan":
+        """Plan of about ``allowed`` rays: half for levels of few rays as a whole, the rest for those of many.
+
+        Diffuse returns of different runs have nothing in common: of theirs one draw suffices, weighted by the root of
+        one over its chance.
+        """
+        levels, whole, left = [], {}, 0.5 * allowed
+        for i, grid in enumerate(lattices):
+            counts = np.bincount(grid.level, minlength=len(grid.every_level))
+            for k, (level, n) in enumerate(zip(grid.every_level, counts.tolist(), strict=True)):
+                # large flat facets are tiled exactly at first hits, but only by all rays together
+                plain = level.serves != "later" and not np.isfinite(level.needs[1])
+                wanted = math.ceil(math.log2(max(level.spacing / (FINE_WAVELENGTHS * wavelength), 1.0)))
+                halvings = 1 if plain else min(max(wanted, 1), MOST_HALVINGS)
+                if n and grid.purpose == "diffuse":
+                    step = math.ceil(PARTS * grid.n_rays / (0.5 * allowed))
+                    whole[i, k] = Draw(step, 0, RUN, 1, math.sqrt(step)), n // step
+                elif (
+                    n
+                    and level.spacing > FINEST_WAVELENGTHS * wavelength
+                    and not (plain and level.serves == "first")
+                ):
+                    levels.append((n * (1 + 4**halvings), i, k, n, halvings, plain))
+        levels.sort()
+        while levels and levels[0][0] <= left + (0.5 * allowed if len(levels) == 1 else 0.0):
+            cost, i, k, n, halvings, plain = levels.pop(0)
+            whole[i, k] = Draw(halvings=halvings, weight=_full(halvings), only_later=plain), n
+            left -= cost
+        cost = sum(level[0] for level in levels)
+        step = max(2, math.ceil(cost / (left + 0.5 * allowed)))
+        return _Plan(whole, tuple(level[1:] for level in levels), step)
+
+
+class _Change:
+    r"""Change of the echoes by finer rays, measured in rounds.
+
+    With the change C by levels traced as a whole, and those :math:`S_g` by G groups of runs drawn of the others,
+    weighted by one over their chance 1 / w, and T their sum, the energy of the change by all rays is
+
+    .. math:: |C|^2 + \frac1w \sum_g |S_g|^2 + 2 \Re C^* T + \frac{G}{G - 1} (|T|^2 - \sum_g |S_g|^2)
+
+    The first two are the whole where runs are independent of each other. The others are what they have in common; they
+    count as far as they exceed their scatter.
+    """
+
+    def __init__(
+        self,
+        profiles: Callable[[Sequence[LaunchGrid]], C64],
+        lattices: Sequence[LaunchGrid],
+        plan: _Plan,
+        rng: np.random.Generator,
+    ) -> None:
+        self.profiles, self.lattices, self.plan = profiles, lattices, plan
+        self.steps = GROUPS * plan.step
+        self.first, self.shift = int(rng.integers(self.steps)), rng.random()
+        self.n_drawn = sum(n for _, n in plan.whole.values())
+        self.whole = (
+            self._exchange({key: draw for key, (draw, _) in plan.whole.items()}) if plan.whole else None
+        )
+        self.groups: list[C64] = []
+        self.go_on()
+
+    def _exchange(self, draws: Mapping[tuple[int, int], Draw]) -> C64:
+        grids = [
+            exchange_rays(grid, {k: draw for (j, k), draw in draws.items() if j == i})
+            for i, grid in enumerate(self.lattices)
+        ]
+        return self.profiles([grid for grid in grids if grid.n_rays])
+
+    def go_on(self) -> bool:
+        """Trace another round of groups, if there is one."""
+        done = len(self.groups) // GROUPS
+        if not self.plan.drawn or done == min(ROUNDS, self.plan.step):
+            return False
+        for g in range(GROUPS):
+            draws = {}
+            for i, k, n, halvings, plain in self.plan.drawn:
+                run = min(max(n // (LEAST_RUNS * self.steps), 1), RUN)
+                place = (self.first + g * self.plan.step + done) % self.steps
+                draws[i, k] = Draw(
+                    self.steps, place, run, halvings, _full(halvings), int(self.shift * run), plain
+                )
+                self.n_drawn += n // self.steps
+            self.groups.append(self._exchange(draws))
+        return True
+
+    def measure(self) -> tuple[F64, F64]:
+        """Energy of the change by all rays, and the level below which it lies, (n_channels,)."""
+        if not self.groups:
+            assert self.whole is not None
+            own = np.square(np.abs(self.whole), dtype=np.float64).sum(axis=tuple(range(1, self.whole.ndim)))
+            return own, own
+        n, axes = len(self.groups), tuple(range(1, self.groups[0].ndim))
+        weight = self.steps / n
+        each = np.float32(weight) * np.stack(self.groups)
+        total = each.sum(axis=0)
+        whole = np.zeros_like(total) if self.whole is None else self.whole
+        apart = np.square(np.abs(each), dtype=np.float64).sum(axis=0)
+        alone = (np.square(np.abs(whole), dtype=np.float64) + apart / weight).sum(axis=axes)
+        common = (np.square(np.abs(total), dtype=np.float64) - apart) * (n / (n - 1))
+        shared = (2.0 * np.real(np.conj(whole) * total) + common).sum(axis=axes)
+        square = np.square(apart) * (n / (n - 1)) + 2.0 * np.square(np.abs(whole)) * apart
+        spread = np.sqrt(square.sum(axis=axes))
+        # samples that carry the scatter: the quantile of few is large
+        carry = np.square(apart.sum(axis=axes)) / np.maximum(np.square(apart).sum(axis=axes), 1e-300)
+        carry = np.maximum(carry, 1.0)
+        quantile = scipy.special.stdtrit((n - 1) * carry, CONFIDENCE)
+        likely = shared**3 / np.maximum(np.square(shared) + np.square(spread), 1e-300)
+        upper = alone * (1.0 + quantile / np.sqrt(carry)) + np.maximum(shared, 0.0) + quantile * spread
+        return np.maximum(alone + likely, 0.0), upper
+
+
+def _full(halvings: int) -> float:
+    """Amplitude of the error over the change by so many halvings, as it falls with the square of the spacing."""
+    return 1.0 / (1.0 - 4.0**-halvings)
 
 
 def say_rays(name: str, witness: Witness | None) -> str:

@@ -505,6 +505,34 @@ RAISED = 1e-4
 LEAST_TURN = float(np.radians(1.0))
 # widest step of a turn: aspects farther apart are single ones, whose image takes hundreds of times their own rays
 WIDEST_STEP = float(np.radians(5.001))
+# steps of a sweep over the lobes of a body, from which on a note says so: some lobes are always missed at the limit
+_STEPS_A_LOBE = 4.0
+
+
+def undersampling(scene: Scene, aspects: Aspects) -> tuple[str, ...]:
+    r"""Note on a sweep whose steps are wider than lobes of the body; empty where they are not.
+
+    Lobes of a body of extent D across the line of sight repeat every :math:`\lambda / 2 D`; peaks between wider steps
+    are missed.
+
+    Parameters
+    ----------
+    scene : the target
+    aspects : of the sweep
+    """
+    swept = aspects.azimuth if aspects.by_azimuth else aspects.elevation
+    if swept.size < 2 or not scene.geometry.n_faces:
+        return ()
+    step = float(np.max(np.abs(np.diff(swept))))
+    sides = np.ptp(scene.geometry.without_endless().bounds, axis=0)
+    extent = float(np.hypot(sides[0], sides[1]) if aspects.by_azimuth else np.linalg.norm(sides))
+    lobe = scene.radar.waveform.wavelength / (2.0 * max(extent, 1e-12))
+    if step <= _STEPS_A_LOBE * lobe:
+        return ()
+    return (
+        f"steps of {np.degrees(step):.3g} deg are wider than the lobes of a body of {extent:.3g} m, "
+        f"{np.degrees(lobe):.2g} deg: the curve misses peaks between them; take steps of {np.degrees(lobe):.1g} deg",
+    )
 
 
 def image_refusal(aspects: Aspects) -> str:

@@ -29,12 +29,14 @@ class LatticeLevel:
     spacing : m between neighbours
     needs : m, lower and upper bound of the ray spacing needed by the faces that these rays sample
     serves : bounces whose echoes these rays give
+    weight : factor on the amplitudes of their echoes, such as -1 for rays whose echoes are taken off
     """
 
     first: int
     spacing: float
     needs: tuple[float, float]
     serves: Serves = "all"
+    weight: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -75,10 +75,10 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     d = v32(d64)
     origin = v32(start - d64 * dr.minimum(distance, measure_to_bounds(start, d64, kernel.scene)))
 
-    spacing, needs, serves = _level(grid, ray)
+    spacing, needs, serves, level_weight = _level(grid, ray)
     edge_a, edge_b = _lattice_edges(spacing, constants.turn, axis_x, axis_y, d)
     inverse_start = f32(1.0 / distance)
-    weight = _launch_weight(kernel, gx, gy)
+    weight = level_weight * _launch_weight(kernel, gx, gy)
     beams = beam_patterns(kernel, antenna, pulse, d if flags.multi_bounce else None)
     if beams is not None:
         weight *= beams[0].one_way(d)
@@ -133,14 +133,16 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
 
 def _level(
     grid: LaunchGrid, ray: mi.UInt32
-) -> tuple[mi.Float64, tuple[mi.Float, mi.Float], tuple[mi.Bool, mi.Bool]]:
-    """Properties of a lane's level: spacing of its rays, bounds on the needs of its faces, m; bounces it serves."""
+) -> tuple[mi.Float64, tuple[mi.Float, mi.Float], tuple[mi.Bool, mi.Bool], mi.Float]:
+    """Spacing and bounds on the needs of a lane's level, m; bounces that it serves; factor on its amplitudes."""
     # also with one level: the same kernel serves lattices with and without denser parts
     bounces = {"all": 0.0, "first": 1.0, "later": 2.0}
     table = np.array([[level.spacing, *level.needs, bounces[level.serves]] for level in grid.every_level])
     row = dr.gather(mi.UInt32, device_array(mi.UInt32, grid.level), ray)
+    weights = np.array([level.weight for level in grid.every_level], dtype=np.float32)
     spacing, low, high, serves = dr.gather(mi.Vector4d, device_array(mi.Float64, table), row)
-    return spacing, (mi.Float(low), mi.Float(high)), (serves < 1.5, (serves < 0.5) | (serves > 1.5))
+    weight = dr.gather(mi.Float, device_array(mi.Float, weights), row)
+    return spacing, (mi.Float(low), mi.Float(high)), (serves < 1.5, (serves < 0.5) | (serves > 1.5)), weight
 
 
 def antenna_of(pulses: PulseBatch, pulse: mi.UInt32) -> tuple[mi.Vector3d, mi.Vector3d]:

@@ -344,7 +344,7 @@ class Hit:
     first : lanes whose first hit this is
     order : number of this hit, from 1
     face : row of the scene's tables
-    material, own_material : bits of the material at the hit, and of the face's own, regardless of maps
+    material, own_material : bits of the material at the hit, and of the face, regardless of maps
     largest_cell : m, of a diffuse scatterer on the face's piece of surface
     p : float64, m, intersection of the ray and the facet
     vertex0, centroid : float64, m, vertex 0 and middle of the triangle

@@ -159,7 +159,7 @@ def test_any_cut_gives_the_same_lobes(seed: int) -> None:
     whole = rcs_sweep(scene, aspects, checked=0).result.amplitude
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            "sarmitsuba.tracing.scatterers.wires.source.cut",
+            "sarmitsuba.tracing.scatterers.wires.source.cut_wires",
             lambda lines, longest: cut_wires(lines, 0.05),
         )
         pieces = rcs_sweep(scene, aspects, checked=0).result.amplitude

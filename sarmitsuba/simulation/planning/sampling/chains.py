@@ -157,19 +157,64 @@ def halve_spacing(grid: LaunchGrid) -> LaunchGrid:
     return replace(_join_cells(grid, done), spacing=0.5 * grid.spacing)
 
 
-def every_nth(grid: LaunchGrid, n: int, first: int, run: int = 1) -> LaunchGrid:
-    """Every ``n``-th run of rays of a lattice, spread evenly, as neighbours in memory are near in space.
+@dataclass(frozen=True)
+class Draw:
+    """Rays drawn of one level of a lattice, in runs of neighbours, and how finer ones take their place.
 
     Parameters
     ----------
-    n, first : distance of the runs, and number of the first
-    run : rays of each
+    step, first, run : every ``step``-th run of ``run`` rays, from the ``first`` on
+    halvings : of the spacing
+    weight : of the drawn rays, one over their chance
+    shift : rays by which the runs begin earlier
+    only_later : without the echoes of first hits
     """
-    rows = np.flatnonzero(np.arange(grid.n_rays) // run % n == first)
-    counts = np.bincount(grid.level[rows], minlength=len(grid.every_level))
-    start = np.cumsum([0, *counts[:-1]])
-    levels = tuple(replace(one, first=int(k)) for one, k in zip(grid.every_level, start, strict=True))
-    return replace(grid, x=grid.x[rows], y=grid.y[rows], levels=levels)
+
+    step: int = 1
+    first: int = 0
+    run: int = 64
+    halvings: int = 1
+    weight: float = 1.0
+    shift: int = 0
+    only_later: bool = False
+
+
+def exchange_rays(grid: LaunchGrid, draws: Mapping[int, Draw]) -> LaunchGrid:
+    """Finer rays in the cells of drawn ones, and the drawn ones with a negative weight: echoes are their difference.
+
+    Parameters
+    ----------
+    draws : by the number of the level; none of the rays of others
+    """
+    finer: dict[Serves, list[_Cells]] = {"all": [], "first": [], "later": []}
+    drawn: dict[Serves, list[_Cells]] = {"all": [], "first": [], "later": []}
+    for cells in _roots(grid):
+        draw = draws.get(cells.level)
+        if draw is None:
+            continue
+        # neighbours in memory are near in space
+        some = cells.of((np.arange(cells.n) + draw.shift) // draw.run % draw.step == draw.first)
+        serves: Serves = "later" if draw.only_later else grid.every_level[cells.level].serves
+        drawn[serves].append(some)
+        finer[serves].append(some.parts(draw.halvings, grid.turn))
+    if not any(cells.n for every in drawn.values() for cells in every):
+        return replace(grid, x=grid.x[:0], y=grid.y[:0], levels=())
+    more, less = (
+        _join_cells(_weigh_levels(grid, draws, sign), cells) for sign, cells in ((1.0, finer), (-1.0, drawn))
+    )
+    moved = tuple(replace(level, first=level.first + more.n_rays) for level in less.levels)
+    return replace(
+        grid, x=np.append(more.x, less.x), y=np.append(more.y, less.y), levels=(*more.levels, *moved)
+    )
+
+
+def _weigh_levels(grid: LaunchGrid, draws: Mapping[int, Draw], sign: float) -> LaunchGrid:
+    """Lattice whose drawn levels have the weights of their draws times a sign."""
+    levels = (
+        replace(level, weight=sign * draws[k].weight) if k in draws else level
+        for k, level in enumerate(grid.every_level)
+    )
+    return replace(grid, levels=tuple(levels))
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,7 +316,8 @@ def _join_cells(grid: LaunchGrid, done: Mapping[Serves, Sequence[_Cells]]) -> La
             alike = [c for c in every if (c.level, c.depth) == (level, depth)]
             points = np.concatenate([c.xy for c in alike])
             points = points[np.argsort(morton(points[:, 0], points[:, 1], radius), kind="stable")]
-            levels.append(LatticeLevel(first, alike[0].spacing, alike[0].needs, serves))
+            weight = grid.every_level[level].weight
+            levels.append(LatticeLevel(first, alike[0].spacing, alike[0].needs, serves, weight))
             xy.append(points.astype(np.float32))
             first += len(points)
     x, y = np.ascontiguousarray(np.concatenate(xy).T)

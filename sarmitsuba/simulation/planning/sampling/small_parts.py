@@ -522,7 +522,7 @@ def expected_finer_rays(
 
 
 def _budget(n_rays: int, scene: TraceScene) -> float:
-    """Bound on the rays of finer lattices; rays for metal corners are added, so that no other face loses its own."""
+    """Bound on the rays of finer lattices; rays for metal corners are added, so that no other face loses rays."""
     corners = np.isfinite(scene.corner_needs).any()
     return max(MOST_RAYS, SHARE * n_rays) + (HALVED * CORNER_RAYS if corners else 0.0)
 

@@ -52,7 +52,7 @@ class LocalWaves:
 
 
 class Reflector(ScattererKind, ABC):
-    """A kind of scatterers at known positions with a closed form of its own.
+    """A kind of scatterers at known positions with a closed form.
 
     Notes
     -----
