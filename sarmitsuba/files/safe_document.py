@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.arrays import F64, I64
 from sarmitsuba.core.constants import (
     EARTH_FLATTENING,
     EARTH_GRAVITY,
@@ -17,6 +16,8 @@ from sarmitsuba.core.constants import (
     SPEED_OF_LIGHT,
 )
 from sarmitsuba.files.burst_lines import BurstMap, Lattice
+from sarmitsuba.radar.collection import Signal
+from sarmitsuba.radar.radar import Burst
 from sarmitsuba.radar.utc import utc_after
 from sarmitsuba.version import __version__
 
@@ -36,7 +37,11 @@ _NAMESPACES = {
 }
 
 
-def _grow(parent: ET.Element, content: dict[str, Any]) -> ET.Element:
+Content = dict[str, object]
+"""Names and values of a part of a document."""
+
+
+def _grow(parent: ET.Element, content: Content) -> ET.Element:
     """Children of an element, from names and values: text, number, a dictionary, or a list of elements of one name.
 
     A name ``xList`` holds a list of ``x``, with its count; ``@name`` is an attribute, the empty name the text.
@@ -98,23 +103,24 @@ class Product:
     number: int
 
     @cached_property
-    def burst(self) -> dict[str, Any]:
-        """Facts of the first burst; empty for stripmap."""
-        return dict(self.maps[0].image.metadata.get("burst", {}))
+    def burst(self) -> Burst | None:
+        """The first burst; None for stripmap."""
+        facts = self.maps[0].image.metadata.get("burst")
+        return Burst(**{**facts, "sub_swaths": tuple(facts["sub_swaths"])}) if facts else None
 
     @property
     def mode(self) -> str:
         """``IW``, ``EW`` by the names of the sub-swaths or their number, or ``SM``."""
         if not self.burst:
             return "SM"
-        return "EW" if str(self.burst["sub_swath"]).upper().startswith("EW") else "IW"
+        return "EW" if self.burst.sub_swath.upper().startswith("EW") else "IW"
 
     @property
     def swath(self) -> str:
         """``IW1`` and so on, or ``S3``."""
         if not self.burst:
             return "S3"
-        return f"{self.mode}{list(self.burst['sub_swaths']).index(self.burst['sub_swath']) + 1}"
+        return f"{self.mode}{self.burst.sub_swaths.index(self.burst.sub_swath) + 1}"
 
     def utc(self, time: float) -> str:
         """UTC of a time of the orbit, s."""
@@ -162,7 +168,7 @@ class Product:
         """Whether the satellite flies northwards."""
         return bool(self.maps[0].orbit.at(np.array([self.maps[0].middle]))[1][0, 2] > 0.0)
 
-    def incidence(self, ranges: Any) -> F64:
+    def incidence(self, ranges: F64 | float) -> F64:
         """Incidence angle at slant ranges, rad."""
         image = self.maps[0].image
         place = self.maps[0].slant_range.on(
@@ -172,7 +178,7 @@ class Product:
 
     # documents ------------------------------------------------------------------------------------------------------
 
-    def header(self) -> dict[str, Any]:
+    def header(self) -> Content:
         """Header of every document."""
         return {
             "missionId": "S1A",
@@ -206,10 +212,10 @@ class Product:
         )
 
     @property
-    def _signal(self) -> Any:
+    def _signal(self) -> Signal:
         return self.maps[0].collection.signal
 
-    def _general(self) -> dict[str, Any]:
+    def _general(self) -> Content:
         signal, first = self._signal, self.maps[0]
         v = first.orbit.at(np.array([first.middle]))[1][0]
         heading = np.degrees(np.arctan2(*(first.image.anchor.axes @ v)[:2]))
@@ -221,7 +227,7 @@ class Product:
                 "projection": "Slant Range",
                 "rangeSamplingRate": SPEED_OF_LIGHT / (2.0 * self.lattice.spacing),
                 "radarFrequency": signal.center_frequency,
-                "azimuthSteeringRate": float(np.degrees(self.burst.get("steering_rate", 0.0))),
+                "azimuthSteeringRate": float(np.degrees(self.burst.steering_rate if self.burst else 0.0)),
             },
             "downlinkInformationList": [self._downlink()],
             "orbitList": [
@@ -254,7 +260,7 @@ class Product:
             ],
         }
 
-    def _downlink(self) -> dict[str, Any]:
+    def _downlink(self) -> Content:
         signal, lattice = self._signal, self.lattice
         prf = self.maps[0].collection.pulse_rate
         delay = 2.0 / SPEED_OF_LIGHT * lattice.start_range
@@ -311,14 +317,14 @@ class Product:
             },
         }
 
-    def _quality(self) -> dict[str, Any]:
+    def _quality(self) -> Content:
         """Quality: none of the faults of a downlink."""
         counts = (
             "DownlinkInputDataGaps downlinkGapsInInputData|DownlinkInputMissingLines downlinkMissingLines|"
             "InstrumentInputDataGaps instrumentGapsInInputData|InstrumentInputMissingLines instrumentMissingLines|"
             "SsbErrorInputDataGaps ssbErrorGapsInInputData|SsbErrorInputMissingLines ssbErrorMissingLines"
         ).split("|")
-        faults: dict[str, Any] = {}
+        faults: Content = {}
         for number, flag in (pair.split() for pair in counts):
             faults |= {f"num{number}": 0, f"{flag}SignificantFlag": False}
         means = {f"{part}InputDataMean": 0.0 for part in "iq"}
@@ -366,7 +372,7 @@ class Product:
             },
         }
 
-    def _analysis(self) -> dict[str, Any]:
+    def _analysis(self) -> Content:
         """Analysis of the raw data: an ideal receiver."""
         names = ("iBias", "qBias", "iqQuadratureDeparture", "iqGainImbalance")
         ideal = {name: float(name == "iqGainImbalance") for name in names}
@@ -376,7 +382,7 @@ class Product:
         used = {f"{name}UsedForCorrection": ideal[name] for name in ("iBias", "qBias", *names[:1:-1])}
         return {"azimuthTime": self.utc(self.start), **ideal, "support": {**bounds, **used}}
 
-    def _replica(self) -> dict[str, Any]:
+    def _replica(self) -> Content:
         """The nominal pulse."""
         signal, start = self._signal, self.utc(self.start)
         rate = signal.bandwidth / signal.pulse_width
@@ -407,7 +413,7 @@ class Product:
             ],
         }
 
-    def _pattern(self, one: BurstMap) -> dict[str, Any]:
+    def _pattern(self, one: BurstMap) -> Content:
         """Elevation pattern that is left in the pixels: 1, as they are divided by the antenna's gain."""
         samples = self._samples
         ranges = self.lattice.ranges[samples]
@@ -423,11 +429,11 @@ class Product:
             "roll": 0.0,
         }
 
-    def _look(self, incidence: Any) -> Any:
+    def _look(self, incidence: F64 | float) -> F64:
         """Angle off nadir at the satellite, deg, of incidence angles, deg, over a sphere."""
         first = self.maps[0]
         radius = float(np.linalg.norm(first.orbit.at(np.array([first.middle]))[0]))
-        return np.degrees(np.arcsin(EARTH_RADIUS / radius * np.sin(np.radians(incidence))))
+        return np.asarray(np.degrees(np.arcsin(EARTH_RADIUS / radius * np.sin(np.radians(incidence)))))
 
     def _height(self, one: BurstMap) -> float:
         grid = one.image.grid
@@ -442,7 +448,7 @@ class Product:
         fit = np.polynomial.polynomial.polyfit(tau / scale, one.point_rate(ranges), min(2, tau.size - 1))
         return np.asarray(np.pad(fit, (0, 3 - fit.size)) / scale ** np.arange(3))
 
-    def _image(self) -> dict[str, Any]:
+    def _image(self) -> Content:
         lattice, image, signal = self.lattice, self.maps[0].image, self._signal
         speed = image.grid.azimuth_spacing / lattice.line_interval
         doppler = float(-self.maps[0].point_rate(lattice.ranges.mean()) * signal.aperture)
@@ -531,7 +537,7 @@ class Product:
             },
         }
 
-    def _doppler(self, one: BurstMap) -> dict[str, Any]:
+    def _doppler(self, one: BurstMap) -> Content:
         """Doppler centroid in the middle of a burst: none, by steering to zero Doppler."""
         return {
             "azimuthTime": self.utc(one.middle),
@@ -545,7 +551,7 @@ class Product:
             "fineDceList": [],
         }
 
-    def _timing(self) -> dict[str, Any]:
+    def _timing(self) -> Content:
         lattice, bursts = self.lattice, []
         if not self.burst:
             return {"linesPerBurst": 0, "samplesPerBurst": 0, "burstList": []}
@@ -610,7 +616,7 @@ class Product:
         incidence = np.degrees(np.arccos(line @ up / np.linalg.norm(line)))
         return np.array([np.degrees(latitude), np.degrees(longitude), over, incidence])
 
-    def _grid(self) -> list[dict[str, Any]]:
+    def _grid(self) -> list[Content]:
         return [
             {
                 "azimuthTime": self.utc(time),
@@ -676,8 +682,10 @@ class Product:
         )
 
     @property
-    def _samples(self) -> Any:
-        return np.unique(np.append(np.arange(0, self.lattice.samples, _STEP), self.lattice.samples - 1))
+    def _samples(self) -> I64:
+        return np.unique(
+            np.append(np.arange(0, self.lattice.samples, _STEP), self.lattice.samples - 1)
+        ).astype(np.int64)
 
 
 def _tag(name: str) -> str:
@@ -715,7 +723,7 @@ def manifest(products: Sequence[Product], files: Sequence[tuple[str, str, str, b
         ET.SubElement(content, "dataObjectPointer", dataObjectID=name)
     metadata = ET.SubElement(root, "metadataSection")
 
-    def wrap(identifier: str, category: str, content: dict[str, Any]) -> None:
+    def wrap(identifier: str, category: str, content: Content) -> None:
         entry = ET.SubElement(
             metadata, "metadataObject", ID=identifier, classification="DESCRIPTION", category=category
         )
@@ -768,7 +776,7 @@ def manifest(products: Sequence[Product], files: Sequence[tuple[str, str, str, b
     return root
 
 
-def _plant(parent: ET.Element, content: dict[str, Any]) -> None:
+def _plant(parent: ET.Element, content: Content) -> None:
     """Namespaced children: text, dictionaries, lists of either; ``@name`` is an attribute, the empty name the text."""
     for name, value in content.items():
         if name.startswith("@"):

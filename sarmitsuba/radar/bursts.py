@@ -58,25 +58,21 @@ PARAMETERS = (
         "sub_swaths",
         "string",
         "",
-        "sub-swaths in the order of their bursts, separated by semicolons, as IW1: prf=1717, pulses=1400; a row may "
-        "hold prf, pulses, bandwidth, pulse_width, azimuth_resolution, elevation_beamwidth_deg and gain_db in place of "
-        "those of the sensor, near_deg and far_deg (angles off nadir between which the beam is centred), and "
-        "steering_rate_deg; empty: one, of the sensor's",
+        "bursts in their order, as IW1: prf=1717, pulses=1400; IW2: ...; also bandwidth, pulse_width, "
+        "azimuth_resolution, elevation_beamwidth_deg, gain_db, steering_rate_deg, near_deg, far_deg (off nadir)",
     ),
-    Param(
-        "sub_swath", "string", "auto", "name of the sub-swath of the image; auto: the one of the aim point"
-    ),
+    Param("sub_swath", "string", "auto", "of the image; auto: that of the aim point"),
     Param(
         "burst",
         "string",
         "auto",
-        "number of the only burst, 0 for that about the aim point; auto: all that light the image",
+        "number of the only one, 0 about the aim point; auto: all in sight",
     ),
     Param(
         "burst_offset",
         "float",
         0.0,
-        "time from the middle of burst 0 until the aim point is at zero Doppler",
+        "from the middle of burst 0 to zero Doppler of the aim point",
         "s",
         -1e4,
         1e4,
@@ -85,7 +81,7 @@ PARAMETERS = (
         "burst_cycle",
         "float",
         0.0,
-        "time from a burst to the next of the same sub-swath; automatic: one burst of every sub-swath",
+        "from a burst to the next of its sub-swath; automatic: one of each",
         "s",
         0.0,
         1e4,

@@ -42,7 +42,7 @@ def write_image(path: Path, image: SarImage) -> None:
     lattice = maps[0].lattice()
     files: list[tuple[str, str, str, bytes]] = []
     products = []
-    for number, channel in enumerate(_ordered(image.channels), 1):
+    for number, channel in enumerate(_order_channels(image.channels), 1):
         lines = np.concatenate([one.resample(channel, lattice) for one in maps])
         largest = float(max(np.abs(lines.real).max(), np.abs(lines.imag).max()))
         scale = _LARGEST / largest if largest > 0.0 else 1.0
@@ -57,7 +57,7 @@ def write_image(path: Path, image: SarImage) -> None:
             with atomic_path(path / where) as temporary:
                 temporary.write_bytes(content)
         return
-    kind = _PAIRS[_ordered(image.channels)]
+    kind = _PAIRS[_order_channels(image.channels)]
     start, stop = (products[0].identity.split("-")[i].upper() for i in (0, 1))
     name = f"S1A_{products[0].mode}_SLC__1S{kind}_{start}_{stop}_000001_000001_0001.SAFE"
     with atomic_path(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -65,7 +65,7 @@ def write_image(path: Path, image: SarImage) -> None:
             archive.writestr(zipfile.ZipInfo(f"{name}/{where}"), content, zipfile.ZIP_DEFLATED)
 
 
-def _ordered(channels: tuple[str, ...]) -> tuple[str, ...]:
+def _order_channels(channels: tuple[str, ...]) -> tuple[str, ...]:
     """Channels with the co-polar one first."""
     return tuple(sorted(channels, key=lambda channel: channel[0] != channel[1]))
 
@@ -75,7 +75,7 @@ def _objection(mode: str, kind: str, channels: tuple[str, ...]) -> str:
         return "SAFE products of level 1 SLC are in slant range; set image_grid = slant in the range_film"
     if mode not in _MODES:
         return f"Sentinel-1 has no mode = {mode}; SAFE products are of {' or '.join(_MODES)}"
-    if _ordered(channels) not in _PAIRS:
+    if _order_channels(channels) not in _PAIRS:
         return f"Sentinel-1 has no products of {', '.join(channels)}; take {' or '.join(','.join(p) for p in _PAIRS)}"
     return ""
 

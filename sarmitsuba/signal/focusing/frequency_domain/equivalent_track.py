@@ -18,7 +18,7 @@ R. K. Raney, "Considerations for SAR image quantification unique to orbital syst
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.ndimage
+import scipy
 
 from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.radar.antenna import Pointing
@@ -181,7 +181,7 @@ class EquivalentTrack:
         return out
 
 
-def in_orbit(radar: Radar) -> bool:
+def is_in_orbit(radar: Radar) -> bool:
     """Whether the antenna is faster than 1 km/s on a curved track."""
     speed = np.linalg.norm(radar.track.velocity[radar.track.center_index])
     return bool(speed > _ORBITAL and not radar.track.is_straight)

@@ -21,8 +21,8 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+import scipy
 import scipy.fft
-import scipy.interpolate
 
 from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.radar.antenna import Antenna, Pointing
@@ -34,7 +34,11 @@ from sarmitsuba.signal.focusing.aperture_weights import (
     direction_gain,
     look_directions,
 )
-from sarmitsuba.signal.focusing.frequency_domain.equivalent_track import EquivalentTrack, beam_sines, in_orbit
+from sarmitsuba.signal.focusing.frequency_domain.equivalent_track import (
+    EquivalentTrack,
+    beam_sines,
+    is_in_orbit,
+)
 from sarmitsuba.signal.focusing.grid import slant_below
 from sarmitsuba.signal.focusing.summed_weights import sum_at_nodes
 from sarmitsuba.signal.focusing.windows import Window, parse_window
@@ -61,12 +65,12 @@ _MOST = 20_000
 def turns(radar: Radar) -> bool:
     """Whether pixels are lit in turn by a beam that turns over the track, or from orbit."""
     lit = np.isfinite(radar.half_aperture) or (radar.antenna.directive and radar.mode_law.own_apertures)
-    return bool(lit and (np.ptp(beam_sines(radar)) > _FIXED or in_orbit(radar)))
+    return bool(lit and (np.ptp(beam_sines(radar)) > _FIXED or is_in_orbit(radar)))
 
 
 def lit_from_orbit(radar: Radar) -> bool:
     """Whether pixels are lit in turn from orbit."""
-    return in_orbit(radar) and turns(radar)
+    return is_in_orbit(radar) and turns(radar)
 
 
 @dataclass(frozen=True, eq=False)
