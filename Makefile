@@ -52,7 +52,7 @@ golden: $(VENV)/.test
 
 # pages that `make docs` then shows, in docs/generated: every benchmark, a quarter of an hour on two idle cores
 benchmarks: $(VENV)/.test
-	$(BIN)/python benchmarks/run_all.py
+	$(BIN)/python -m benchmarks.run_all
 
 # every case against theory, with its plot; fails when a comparison is out of tolerance
 validation: $(VENV)/.run
@@ -61,7 +61,7 @@ validation: $(VENV)/.run
 # those two and the studies that have a page: hours
 pages: benchmarks validation
 	for study in combinations derivative_combinations numerics effects diffuse_pairs; do \
-	$(BIN)/python benchmarks/studies/$$study.py --page || exit 1; done
+	$(BIN)/python -m benchmarks.studies.$$study --page || exit 1; done
 
 # the documentation site, with the generated pages that are there; a warning is an error
 docs: $(VENV)/.test

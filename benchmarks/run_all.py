@@ -1,6 +1,6 @@
 """Run every benchmark and collect the results into a page in ``docs/generated``, for ``make docs``.
 
-``python benchmarks/run_all.py [FILE ...] [--quick] [--only NAME ...] [-o FOLDER] [--collect]``. Benchmarks are the
+``python -m benchmarks.run_all [FILE ...] [--quick] [--only NAME ...] [-o FOLDER] [--collect]``. Benchmarks are the
 files in ``suite`` that hold ``@harness.benchmark``; FILE is one of your own that lies elsewhere. Results stay in
 ``benchmarks/results``, from which the page is made: with ``--only`` other sections stay. ``--collect`` runs nothing
 and makes the page. ``--quick`` runs small sizes, makes no page and takes under a minute.
@@ -14,19 +14,14 @@ import traceback
 import warnings
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent / "suite"))
-sys.path.insert(0, str(Path(__file__).parent / "support"))
-import error_summary
-import harness
-import listing
-
+from benchmarks.support import error_summary, harness, listing
 from sarmitsuba.core.errors import ExtensionError
 from sarmitsuba.core.registry import load_extension
 
 HEAD = """# Benchmarks
 
-`python benchmarks/run_all.py` makes this page; each section says where and when it was measured. A benchmark of the
-suite is also run by itself, by `python benchmarks/suite/NAME.py [--quick]`; [studies](#studies) are run by hand. Errors
+`python -m benchmarks.run_all` makes this page; each section says where and when it was measured. A benchmark of the
+suite is also run by itself, by `python -m benchmarks.suite.NAME [--quick]`; [studies](#studies) are run by hand. Errors
 are against a converged reference, tracing every pulse, or theory, never against the same setting of the program itself.
 Seconds depend on the machine and on its load; ratios were measured in one run.
 

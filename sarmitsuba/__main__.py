@@ -69,7 +69,7 @@ def main() -> int:
 
 
 def _open_streams() -> None:
-    """Open what a parent has closed (``>&-``): files would otherwise get the numbers of the standard streams."""
+    """Open the standard streams that a parent has closed (``>&-``): files would otherwise get their numbers."""
     while (handle := os.open(os.devnull, os.O_RDWR)) <= 2:
         continue
     os.close(handle)
@@ -84,14 +84,17 @@ def _watch(end: Callable[[int, FrameType | None], None], shared: mmap.mmap) -> N
     process. C code that does not (PROJ, HDF5) is ended by a process, which receives every signal first and passes it
     on to the thread.
     """
-    read, write = os.pipe()
+    try:
+        read, write = os.pipe()
+    except OSError:  # too few files may be open: the program ends with that in a moment
+        return
     os.set_blocking(write, False)
     started = os.getpid()
     if hasattr(os, "fork"):
-        thread_read, thread_write = os.pipe()
         try:
+            thread_read, thread_write = os.pipe()
             guard = os.fork()
-        except OSError:  # no process may be started: the thread alone
+        except OSError:  # no process may be started, or no file opened: the thread alone
             thread_read = read
         else:
             if guard == 0:

@@ -33,6 +33,8 @@ class _Parser(argparse.ArgumentParser):
         if found is not None:
             guess = did_you_mean(found[1], [word.strip("' ") for word in found[2].split(",")])
             message = f"{message[: found.end(1) + 1]}{guess}{message[found.end(1) + 1 :]}"
+        if (missing := re.match(r"argument (--[\w-]+).*: expected one argument", message)) is not None:
+            message += f"; a value that starts with a minus sign needs {missing[1]}=VALUE"
         print(f"error: {message} (see {self.prog} --help)", file=sys.stderr)
         sys.exit(EXIT_USER)
 

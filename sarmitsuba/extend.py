@@ -1,4 +1,4 @@
-"""What an extension imports: the registries, the base classes of their entries, and helpers.
+"""Imports of an extension: the registries, the base classes of their entries, and helpers.
 
 ``LAWS``, ``MATERIALS``, ``CANOPIES``, ``SCATTERERS``, ``EFFECTS``, ``STAGES``, ``MODES``, ``PATTERNS``, ``FOCUSERS``,
 ``AUTOFOCUSERS``, ``WINDOWS``, ``FORMATS``, ``SOURCES``; docs/extending.md has an example of each. Names are loaded on

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from city import city_mesh
 from land_cover import class_map, houses
 from PIL import Image
 from places import places
@@ -78,15 +77,6 @@ def bridge() -> Parts:
     return parts
 
 
-def buildings16() -> Parts:
-    """Build sixteen boxes of 6 m to 24 m on 128 m x 128 m."""
-    return {
-        "buildings16": check_closed(
-            "buildings16", trimesh.Trimesh(*city_mesh(16, 128.0, (6.0, 24.0)), process=False)
-        )
-    }
-
-
 def by_rule(prefix: str, solid: trimesh.Trimesh, rule: Callable[..., np.ndarray]) -> Parts:
     """Split a solid by what ``rule(centers, normals)`` calls each face."""
     names = rule(solid.triangles_center, solid.face_normals)
@@ -101,7 +91,7 @@ def joined(solids: list[trimesh.Trimesh]) -> trimesh.Trimesh:
 def build() -> Parts:
     """Build all meshes by file name."""
     parts: Parts = {}
-    for make in (trihedral, sphere_ka60, tower, bridge, buildings16, urban_block, houses, places, targets):
+    for make in (trihedral, sphere_ka60, tower, bridge, urban_block, houses, places, targets):
         parts |= make()
     return parts
 

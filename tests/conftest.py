@@ -2,7 +2,7 @@
 
 import importlib
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -29,9 +29,12 @@ prepare_llvm()
 
 
 @pytest.fixture(scope="session")
-def benchmark_script() -> Iterator[Callable[[str], ModuleType]]:
-    """Imports a script of ``benchmarks`` by its name."""
-    with pytest.MonkeyPatch.context() as patch:
-        for folder in ("studies", "suite", "support"):
-            patch.syspath_prepend(str(Path(__file__).parents[1] / "benchmarks" / folder))
-        yield importlib.import_module
+def benchmark_script() -> Callable[[str], ModuleType]:
+    """Imports a module of ``benchmarks`` by its name."""
+    folder = Path(__file__).parents[1] / "benchmarks"
+
+    def load(name: str) -> ModuleType:
+        (path,) = folder.glob(f"*/{name}.py")
+        return importlib.import_module(f"benchmarks.{path.parent.name}.{name}")
+
+    return load

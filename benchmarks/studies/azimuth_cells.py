@@ -1,6 +1,6 @@
 """CPU seconds of an image's azimuth cells along a stripmap, by the number of pulses on its track.
 
-``python benchmarks/studies/azimuth_cells.py --pulses 950 1900 3800`` prints one line each.
+``python -m benchmarks.studies.azimuth_cells --pulses 950 1900 3800`` prints one line each.
 Every pixel's own aperture is 450 pulses long; the cells are those of 594 places.
 """
 

@@ -1,6 +1,6 @@
 """Heights of drawn buildings from two looks, off by up to 3 m at the start: by complex raw data and by amplitude alone.
 
-Usage: python benchmarks/studies/building_heights.py [--buildings N] [--scenes N] [--first SEED] [--by WAYS]
+Usage: python -m benchmarks.studies.building_heights [--buildings N] [--scenes N] [--first SEED] [--by WAYS]
        [--picture FILE] [--json FILE]
 
 Boxes of 6 to 10 m, 2 to 15 m high, of rough concrete and rough metal on rough soil, headings drawn, 18 m apart, so
@@ -19,13 +19,11 @@ import resource
 import time
 import warnings
 
-import _support
 import numpy as np
 
 from sarmitsuba import Fit
 from tests.support.buildings import drawn_town, names
 
-_ = _support
 WAYS = {"complex": ("complex", 0), "amplitude": ("amplitude", 0), "unknown": ("amplitude", 7)}
 ASKED = 0.05
 

@@ -1,6 +1,6 @@
 """Sampling error of the samples of a recipe by their spacing of rays: why a recipe gives ``ray_spacing``.
 
-Usage: python benchmarks/studies/chip_ray_spacing.py [RECIPE] [--samples N] [--spacings M ...]
+Usage: python -m benchmarks.studies.chip_ray_spacing [RECIPE] [--samples N] [--spacings M ...]
 
 Each sample is made with each spacing, 0 being the automatic one, and its sampling error measured from a second image
 with other rays, as ``error_every`` of a recipe does. Shown are the mean in dB, the mean of the energies in dB (the

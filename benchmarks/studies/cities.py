@@ -10,10 +10,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import _support
-import harness
 import numpy as np
 import trimesh
+
+from benchmarks.support import harness
 
 BLACK = 0.1  # of the grey scale: what is darker looks black
 

@@ -9,7 +9,7 @@ wrong    not right, and nothing was said: a failure
 
 Modes, focusers, methods and patterns are those that are registered: a new one is in the table by itself.
 
-Usage: python benchmarks/studies/combinations.py [--first SEED] [--count DRAWS] [--mode MODE] [--page]
+Usage: python -m benchmarks.studies.combinations [--first SEED] [--count DRAWS] [--mode MODE] [--page]
 """
 
 import argparse
@@ -24,10 +24,11 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-import _support
-import harness
 import numpy as np
-from combinations_page import (
+from numpy.typing import NDArray
+
+from benchmarks.support import harness
+from benchmarks.support.combinations_page import (
     COLOURS,
     COUNT,
     FROM_ECHOES,
@@ -39,7 +40,7 @@ from combinations_page import (
     columns,
     page,
 )
-from combinations_reference import (
+from benchmarks.support.combinations_reference import (
     SPEED_OF_LIGHT,
     WINDOWS,
     Deviation,
@@ -47,9 +48,7 @@ from combinations_reference import (
     deviation,
     exact_image,
 )
-from drawn_beams import gaussian_table
-from numpy.typing import NDArray
-
+from benchmarks.support.drawn_beams import gaussian_table
 from sarmitsuba.core.arrays import C128, F64
 from sarmitsuba.core.errors import SarmitsubaError, SarmitsubaWarning
 from sarmitsuba.loading.build import build_scene
@@ -110,7 +109,7 @@ class Draw:
     @property
     def command(self) -> str:
         """What prints this draw's cells."""
-        return f"python benchmarks/studies/combinations.py --mode {self.mode} --first {self.seed} --count 1"
+        return f"python -m benchmarks.studies.combinations --mode {self.mode} --first {self.seed} --count 1"
 
     def scene(self) -> Scene:
         """The scene of the program."""

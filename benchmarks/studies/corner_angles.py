@@ -1,6 +1,6 @@
 """Bent metal plates against the method of moments: double bounces where two faces do not meet squarely.
 
-``python benchmarks/studies/corner_angles.py`` prints, for given and drawn angles and arms, the rms difference of the
+``python -m benchmarks.studies.corner_angles`` prints, for given and drawn angles and arms, the rms difference of the
 levels within 20 dB of the longer face's peak over 60 degrees either side of the bisector, for the electric field
 along and across the fold: of physical optics with every path closed where it hits last, traced here in two
 dimensions, of the simulator, and of the simulator with the fringe currents of the edges along the fold. Two columns

@@ -1,6 +1,6 @@
 """Chips of a data set per hour by method, with labels: processor time, errors and kernels compiled.
 
-Usage: python benchmarks/studies/dataset_chips.py [--chips N] [--methods raster image hybrid]
+Usage: python -m benchmarks.studies.dataset_chips [--chips N] [--methods raster image hybrid]
 
 Every method makes the same drawn scenes: a car-like body at any aspect on soil, grass or asphalt, up to three boxes,
 two looks, 128 x 128 pixels of 0.25 m, with the labels shape and layover_shadow, rays

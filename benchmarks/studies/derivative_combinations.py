@@ -11,7 +11,7 @@ wrong    else: a failure
 Modes, methods and patterns are those that are registered, and the contents those below: a new one is in the table by
 itself. Shapes are moved where nothing stands behind them; what they hide and show is compared by ``moving_edges.py``.
 
-Usage: python benchmarks/studies/derivative_combinations.py [--first SEED] [--count DRAWS] [--content NAME] [--page]
+Usage: python -m benchmarks.studies.derivative_combinations [--first SEED] [--count DRAWS] [--content NAME] [--page]
 """
 
 import argparse
@@ -25,12 +25,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import _support
-import harness
 import numpy as np
 import trimesh
-from drawn_beams import gaussian_table
 
+from benchmarks.support import harness
+from benchmarks.support.drawn_beams import gaussian_table
 from sarmitsuba import (
     FilmDescription,
     Material,
@@ -55,7 +54,6 @@ from sarmitsuba.scene.settings import METHODS
 from sarmitsuba.tracing.scatterers.wires.kind import WireTarget
 from tests.support.differences import box, compared_all, house
 
-_ = _support
 RIGHT, TURNS, REFUSES, WRONG = "right", "turns", "refuses", "wrong"
 COLOURS = {RIGHT: "🟩", TURNS: "⬜", REFUSES: "🟦", WRONG: "🟥"}
 # relative error up to which a derivative is right: float32 amplitudes over the steps of the differences
@@ -87,8 +85,8 @@ of what there is to see.
 | {wrong} wrong | else: a failure |
 
 ```sh
-python benchmarks/studies/derivative_combinations.py --page                 # this page
-python benchmarks/studies/derivative_combinations.py --first 3 --count 1    # one draw
+python -m benchmarks.studies.derivative_combinations --page                 # this page
+python -m benchmarks.studies.derivative_combinations --first 3 --count 1    # one draw
 ```
 
 Shapes are moved where nothing stands behind them: what moving shapes hide and show is compared with means over many

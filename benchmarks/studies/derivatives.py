@@ -1,6 +1,6 @@
 """Derivatives of raw data against central differences on drawn scenes, and the time they take.
 
-Usage: python benchmarks/studies/derivatives.py [--count N] [--first SEED] [--kinds KIND ...] [--cost]
+Usage: python -m benchmarks.studies.derivatives [--count N] [--first SEED] [--kinds KIND ...] [--cost]
        [--json FILE]
 
 For every kind of parameter, boxes on ground are drawn (``tests/support/differences.py``), and the derivative along a
@@ -18,14 +18,12 @@ import time
 import warnings
 from collections.abc import Sequence
 
-import _support
 import numpy as np
 
 from sarmitsuba.apps.fit.forward_model import ForwardModel
 from sarmitsuba.apps.fit.parsing import parse
 from tests.support.differences import EXACT, Compared, compared_all, drawn
 
-_ = _support
 # sets of parameters whose time is measured
 COSTS = (
     ("levels", "level:soil"),

@@ -1,6 +1,6 @@
 """What two diffuse scatterers in a row return in shipped scenes, and what they cost.
 
-Run ``python benchmarks/studies/diffuse_pairs.py [SCENE ...] [--page]``; prints Markdown tables, ``--page`` makes a page
+Run ``python -m benchmarks.studies.diffuse_pairs [SCENE ...] [--page]``; prints Markdown tables, ``--page`` makes a page
 of the site. Times are processor seconds, the least of some rounds with compiled kernels.
 """
 
@@ -10,12 +10,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import _support
-import harness
 import numpy as np
-from corrections import block_of
-from effects import load
 
+from benchmarks.studies.effects import load
+from benchmarks.support import harness
+from benchmarks.support.corrections import block_of
 from sarmitsuba.core.timing import StageTimer
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.machine.backend import ensure_backend
@@ -87,7 +86,7 @@ def measured(name: str) -> dict[str, Any]:
 
     jobs = {
         "pilot": lambda: seconds(lambda: pair_level(site)),
-        "draw": lambda: seconds(lambda: SOURCES["pairs"].made(site)),
+        "draw": lambda: seconds(lambda: SOURCES["pairs"].make_source(site)),
         "rays": lambda: key_pulse(rays=True),
         "pairs": lambda: key_pulse(rays=False),
     }
@@ -112,7 +111,7 @@ def measured(name: str) -> dict[str, Any]:
 
 HEAD = """# Pairs of diffuse scatterers
 
-`python benchmarks/studies/diffuse_pairs.py --page` makes this page. Column `auto`: the decision of the plan. Last
+`python -m benchmarks.studies.diffuse_pairs --page` makes this page. Column `auto`: the decision of the plan. Last
 column of the first table: the spread over draws with the pilot's cells, and its stated standard error, which is the
 larger one because points are spread evenly. Last column of the second: share of the draw and of all key pulses, in
 processor seconds.

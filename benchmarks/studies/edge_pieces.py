@@ -1,7 +1,7 @@
 """Edges of metal in pieces as long as the coherent rays are apart, and in pieces of two wavelengths, in one process.
 
-    python benchmarks/studies/edge_pieces.py             # the shipped harbour
-    python benchmarks/studies/edge_pieces.py munich      # of the package sionna-rt
+    python -m benchmarks.studies.edge_pieces             # the shipped harbour
+    python -m benchmarks.studies.edge_pieces munich      # of the package sionna-rt
 
 Prints pieces, seconds of the processor to lay out the edges and to trace them, and the energy relative to the raw data
 of the edges' echoes and of their change.

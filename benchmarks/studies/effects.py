@@ -1,6 +1,6 @@
 """What the effects plan saves and costs: kernels, planned against everything on, predicted against measured.
 
-Run ``python benchmarks/studies/effects.py [SCENE ...] [--quick] [--out FOLDER] [--page]``. Prints Markdown tables and
+Run ``python -m benchmarks.studies.effects [SCENE ...] [--quick] [--out FOLDER] [--page]``. Prints Markdown tables and
 writes ``effects.json``, in which scenes and parts that are not run keep their results; ``--page`` makes a page of the
 site.
 
@@ -23,12 +23,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import _support
-import harness
 import numpy as np
-from corrections import block_of, correction_lines, correction_table, one_batch
-from effect_pairs import pair_lines, pair_table
 
+from benchmarks.support import harness
+from benchmarks.support.corrections import block_of, correction_lines, correction_table, one_batch
+from benchmarks.support.effect_pairs import pair_lines, pair_table
 from sarmitsuba.core.timing import StageTimer
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan
@@ -246,7 +245,7 @@ def every_pulse(
 
 def in_process(action: str, name: str) -> dict[str, Any]:
     """Run this file in a process of its own and read the JSON that it prints."""
-    command = [sys.executable, __file__, name, f"--{action}"]
+    command = [sys.executable, "-m", "benchmarks.studies.effects", name, f"--{action}"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=os.environ)
     result: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     return result
@@ -340,7 +339,7 @@ def claims(rows: list[dict[str, Any]]) -> list[tuple[str, float, float, bool, st
 
 HEAD = """# Cost of effects
 
-`python benchmarks/studies/effects.py --page` makes this page: what each effect costs, and what the plan of effects
+`python -m benchmarks.studies.effects --page` makes this page: what each effect costs, and what the plan of effects
 saves. *Everything on* is no plan at all: every effect on, eight bounces, every pulse traced. *Same key pulses* keeps
 the plan's key pulses, and shows what the effects alone save. All runs of a scene have equally dense rays. The error is
 the energy of the difference of two focused images. Times are processor seconds.

@@ -1,6 +1,6 @@
 """Fits drawn at random: whether each ends right, or says that it does not.
 
-Usage: python benchmarks/studies/fit_combinations.py [--draw combinations|scenes|forms|places|outside] [--count N]
+Usage: python -m benchmarks.studies.fit_combinations [--draw combinations|scenes|forms|places|outside] [--count N]
        [--first SEED] [--json FILE]
 
 A building of 5 to 12 m on rough ground, X band, 200 MHz, 10 or 20 dB of signal over noise; drawn by seed.
@@ -23,11 +23,8 @@ import time
 import warnings
 from collections import Counter
 
-import _support
-
 from tests.support.fit_draws import combination, form, other_scene, outside, place
 
-_ = _support
 DRAWS = {
     "combinations": combination,
     "scenes": other_scene,

@@ -1,6 +1,6 @@
 """Fits to drawn raw data: spread of material levels over noise against the bound, and tracks off by wavelengths.
 
-Usage: python benchmarks/studies/fits.py [--scenes N] [--first SEED] [--json FILE]
+Usage: python -m benchmarks.studies.fits [--scenes N] [--first SEED] [--json FILE]
 
 The first table: fields of rough materials with a box, start levels off by up to 3 dB, 20 dB of signal over noise; the
 rms error of every level over ten draws of noise over the Cramer-Rao bound. The second: knots of the antenna's track
@@ -13,12 +13,10 @@ import json
 import time
 import warnings
 
-import _support
 import numpy as np
 
 from tests.support.fits import fields, fitted_levels, fitted_track, range_error
 
-_ = _support
 DRAWS, MATERIALS, LEVEL_PULSES = 10, 4, 32
 KNOTS, TRACK_PULSES = 4, 48
 

@@ -1,8 +1,8 @@
 """Damaged and hostile files, drawn by seed: each is read, or refused in one short line, and nothing else happens.
 
-    python benchmarks/studies/hostile.py -o out/hostile                # every kind, 400 files each
-    python benchmarks/studies/hostile.py --kinds hdf5-raw,scene --count 10000
-    python benchmarks/studies/hostile.py --strace --count 30           # watched from outside, by the system's calls
+    python -m benchmarks.studies.hostile -o out/hostile                # every kind, 400 files each
+    python -m benchmarks.studies.hostile --kinds hdf5-raw,scene --count 10000
+    python -m benchmarks.studies.hostile --strace --count 30           # watched from outside, by the system's calls
 
 Some kinds damage bytes and text anywhere; the others keep a file's outer form and change what it says (a tag of a
 raster, an attribute of a map, a field of a record), so that most of them pass a reader's first check.
@@ -33,9 +33,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import _support
-from hostile_files import BOMB, make_samples
-from hostile_kinds import KINDS, REFUSED, Kind
+from benchmarks.support.hostile_files import BOMB, make_samples
+from benchmarks.support.hostile_kinds import KINDS, REFUSED, Kind
 
 CPU_LIMIT = 20  # s for one file; the undamaged ones take milliseconds
 LONGEST_WAIT = 60  # s on the clock in which a worker and its processes use none: it waits for ever
@@ -305,8 +304,7 @@ def trace(names: list[str], samples: Path, folder: Path, seeds: range) -> int:
         scratch = folder / f"scratch_{name}" / "case"
         scratch.mkdir(parents=True, exist_ok=True)
         code = (
-            f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
-            "from pathlib import Path; import hostile\n"
+            "from pathlib import Path; from benchmarks.studies import hostile\n"
             f"hostile.work({name!r}, Path({str(samples)!r}), Path({str(scratch)!r}), {seeds!r}, "
             f"lambda told: None, {mark!r})"
         )

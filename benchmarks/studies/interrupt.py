@@ -1,7 +1,7 @@
 """Ctrl-C and SIGTERM at drawn times of a run: exit status, what is said, what is left on the disk, how long it takes.
 
-    python benchmarks/studies/interrupt.py --count 200
-    python benchmarks/studies/interrupt.py --count 60 --inside proj,lapack,hdf5   # in C code that answers no signal
+    python -m benchmarks.studies.interrupt --count 200
+    python -m benchmarks.studies.interrupt --count 60 --inside proj,lapack,hdf5   # in C code that answers no signal
 
 The clock of a run starts when the program has begun to be its own: before that Python itself answers a signal, which no
 program can change.

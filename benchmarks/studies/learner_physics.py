@@ -1,6 +1,6 @@
 """What physics a learner needs: accuracy on hybrid images of a classifier and a detector trained on simpler ones.
 
-Usage: python benchmarks/studies/learner_physics.py [--train N] [--test N] [--seeds N] [--first SEED]
+Usage: python -m benchmarks.studies.learner_physics [--train N] [--test N] [--seeds N] [--first SEED]
        [--rows TEXT ...] [--keep FOLDER]
 
 Data sets of the ten shipped vehicle-like and boat-like bodies are drawn by ``sarmitsuba dataset``: any aspect, three

@@ -1,6 +1,6 @@
 """Is flat rough ground level over the whole image: sigma0 in bands of rows, for modes, beams, methods and focusers.
 
-``python benchmarks/studies/level.py --extents 60 120 200 --seeds 6`` prints, for each, the level of every band of
+``python -m benchmarks.studies.level --extents 60 120 200 --seeds 6`` prints, for each, the level of every band of
 rows over the true sigma0 with its standard error, and the largest of them. ``--against-raw`` also compares ``hybrid``
 with ``raw``.
 """

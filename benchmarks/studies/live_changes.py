@@ -4,7 +4,7 @@ Every slider moves in turn; the first change of a scene, which may compile kerne
 derivative of the image by the first shape's place, the second time, and a picture of the slider over it. Prints a
 table.
 
-Run ``python benchmarks/studies/live_changes.py [SCENE ...]``.
+Run ``python -m benchmarks.studies.live_changes [SCENE ...]``.
 """
 
 import dataclasses

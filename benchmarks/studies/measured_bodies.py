@@ -1,6 +1,6 @@
 """A measured body at one frequency with settings of one's own, against the converged solver of its table.
 
-``python benchmarks/studies/measured_bodies.py duct 7e9 full_wave=on`` prints the rms difference in dB of HH and VV over
+``python -m benchmarks.studies.measured_bodies duct 7e9 full_wave=on`` prints the rms difference in dB of HH and VV over
 the azimuths that the validation compares, the statement of the error, and the processor time. Solved currents of the
 duct take 42 000 unknowns in two symmetric parts: 10 GB and ten minutes of two cores.
 """
@@ -9,7 +9,6 @@ import argparse
 import sys
 import time
 
-import _support
 import numpy as np
 
 from sarmitsuba.machine.memory import peak_memory

@@ -1,6 +1,6 @@
 """Sampling error of double bounces between metal facets at right angles, true and stated, with and without their rays.
 
-``python benchmarks/studies/metal_corners.py samples`` takes samples of the shipped recipe of vehicles and boats with
+``python -m benchmarks.studies.metal_corners samples`` takes samples of the shipped recipe of vehicles and boats with
 automatic ray spacing, ``corners`` drawn dihedrals and trihedrals of 0.5 to 10 wavelengths, ``scenes`` the rays and the
 times of shipped scenes, ``spacings`` the drawn corners by the spacing that is planned. Prints Markdown tables.
 
@@ -17,7 +17,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import _support
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,6 +1,6 @@
 """What moving edges add to derivatives: against means over ray lattices of whole runs with the shape moved.
 
-Usage: python benchmarks/studies/moving_edges.py [--count N] [--first SEED] [--lattices N] [--kinds KIND ...]
+Usage: python -m benchmarks.studies.moving_edges [--count N] [--first SEED] [--lattices N] [--kinds KIND ...]
        [--parameters NAME ...] [--json FILE]
 
 A single lattice of rays cannot tell the derivative of what is hidden: its rays jump from one surface to another one by
@@ -15,13 +15,11 @@ import argparse
 import json
 import warnings
 
-import _support
 import numpy as np
 
 from tests.support.differences import METRES, RADIANS, drawn
 from tests.support.occluders import SIDEWAYS, edge_share, hidden_wall
 
-_ = _support
 # parameters of the hidden wall, and their steps (None: usual)
 HIDDEN = (
     ("height:body", None),

@@ -1,6 +1,6 @@
 """Heights of Munich's buildings from an interferometric pair, against the mesh: median error and spread.
 
-    python benchmarks/studies/munich_heights.py --radar airborne_x -o out/munich_airborne_x
+    python -m benchmarks.studies.munich_heights --radar airborne_x -o out/munich_airborne_x
 
 Renders both passes (kept in the output folder and used again), makes the interferogram, and compares the height of
 every block of pixels that shows one building alone with what the first antenna sees of the mesh there.
@@ -15,11 +15,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import _support
-import harness
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.support import harness
 from sarmitsuba.core.arrays import F64, I64
 
 # rays a metre of level ground that find what is seen: several in every block, and in every window's width of a facade

@@ -1,6 +1,6 @@
 """Levels, permittivities and roughness of Munich's materials from one quad-pol raw data set: spread against the bound.
 
-    python benchmarks/studies/munich_materials.py --seed 300 -o out/munich_materials
+    python -m benchmarks.studies.munich_materials --seed 300 -o out/munich_materials
 
 Every building of Munich draws one of twelve wall and one of twelve roof materials; the ground is of one more. Walls and
 ground scatter by Lambert's law and mirror as rough dielectrics, so that each has a level, a permittivity and an rms
@@ -23,11 +23,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import _support
 import numpy as np
 import scipy
-from munich_materials_drawn import KINDS, SMALL, WHOLE, drawn, parameters_of, started
 
+from benchmarks.support.munich_materials_drawn import KINDS, SMALL, WHOLE, drawn, parameters_of, started
 from sarmitsuba import Fit, Prior, RawData, Scene, fit, simulate
 from sarmitsuba.apps.fit.forward_model import ForwardModel
 from sarmitsuba.apps.fit.parsing import parse
@@ -35,7 +34,6 @@ from sarmitsuba.core.arrays import F64
 from sarmitsuba.machine.memory import peak_memory
 from tests.support.fits import noisy
 
-_ = _support
 SNR_DB = 20.0
 # a value is determined where the bound of the data alone is at most this share of the prior's standard deviation
 DETERMINED = 0.5

@@ -1,9 +1,9 @@
 """Munich as several radars see it: Pauli colours, fringes and heights of runs that munich_heights.py made.
 
     for radar in airborne_x terrasar_spotlight iceye_spotlight; do
-        python benchmarks/studies/munich_heights.py --radar $radar -o out/$radar -D polarisation=VV,HH,HV,VH ...
+        python -m benchmarks.studies.munich_heights --radar $radar -o out/$radar -D polarisation=VV,HH,HV,VH ...
     done
-    python benchmarks/studies/munich_presets.py out/airborne_x out/terrasar_spotlight out/iceye_spotlight -o m.png
+    python -m benchmarks.studies.munich_presets out/airborne_x out/terrasar_spotlight out/iceye_spotlight -o m.png
 
 Prints how far the recovered heights of buildings are off the mesh: median and spread of blocks and of buildings.
 """
@@ -12,13 +12,12 @@ import argparse
 import json
 from pathlib import Path
 
-import _support
-import harness  # noqa: F401  the package beside this folder
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from benchmarks.support import harness  # noqa: F401  the package beside this folder
 from sarmitsuba.analysis.interferometry import height_map, interferogram
 from sarmitsuba.analysis.polarimetry import automatic_looks, coherency, pauli_rgb, quad_pol
 from sarmitsuba.files import read_image

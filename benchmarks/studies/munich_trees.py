@@ -1,7 +1,7 @@
 """Munich with street trees: crowns at drawn places on open ground, away from buildings, rendered with and without.
 
     pip install sionna-rt                              # brings the scene
-    python benchmarks/studies/munich_trees.py -o munich_trees.png -D image_extent_limit=160 -D heading_deg=20
+    python -m benchmarks.studies.munich_trees -o munich_trees.png -D image_extent_limit=160 -D heading_deg=20
 
 Prints how many trees found a place, and what they change.
 """
@@ -13,12 +13,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import _support
-import harness
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from benchmarks.support import harness
 from sarmitsuba import load_scene, render
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import SarmitsubaWarning

@@ -1,6 +1,6 @@
 """Hard cases: runs tests/numerics and turns what the tests measure into a page of the site.
 
-Usage: python benchmarks/studies/numerics.py [--page] [--json FILE]
+Usage: python -m benchmarks.studies.numerics [--page] [--json FILE]
 
 Every line is one check of a test: the naive way's error where the test measures it, ours, the bound that the test
 holds. Ends with status 1 when a test fails; the page is then not made.
@@ -15,9 +15,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-import _support
-import harness
 import pytest
+
+from benchmarks.support import harness
 
 ROOT = Path(__file__).resolve().parents[2]
 TESTS = ROOT / "tests" / "numerics"
@@ -44,7 +44,7 @@ Every line is a check of a test in `tests/numerics`: the error of the naive way 
 the bound that the test holds, and the remedy. A naive error of `nan` means that the naive way gives no number at all.
 The naive way is the same code with other arguments, or a stand-in of a few lines in the test, in plain Mitsuba or
 NumPy: the order of its error counts, not its digits.
-`python benchmarks/studies/numerics.py --page` makes this page.
+`python -m benchmarks.studies.numerics --page` makes this page.
 """
 TAIL = """
 ## Not met

@@ -1,7 +1,7 @@
 """Odd bodies, drawn by seed: slender, tiny, coincident, inverted, self-crossing, of no area, huge; every result finite.
 
-    python benchmarks/studies/odd_bodies.py --count 2000            # about 15 minutes of one core
-    python benchmarks/studies/odd_bodies.py --first 137 --count 1   # one scene again; -o FOLDER keeps its files
+    python -m benchmarks.studies.odd_bodies --count 2000            # about 15 minutes of one core
+    python -m benchmarks.studies.odd_bodies --first 137 --count 1   # one scene again; -o FOLDER keeps its files
 
 Each scene is read and simulated with four pulses, one look, one raster, its paths or its radar cross section. It counts
 as finite, as refused (one clear line before anything is simulated), or as what must not be: not finite, or a crash.
@@ -242,7 +242,7 @@ def outcome(drawn: Drawn, path: Path) -> tuple[str, str]:
             table = trace_paths(scene)
             data = [table.amplitude, table.length, table.range_rate]
         elif drawn.method == "explain":
-            data = [list(explain(scene).prediction.seconds.values())]
+            data = [list(explain(scene, measured=True).prediction.seconds.values())]
         elif drawn.method in ("hybrid", "raw"):
             data = [simulate(scene).data]
         else:

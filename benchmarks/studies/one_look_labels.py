@@ -1,6 +1,6 @@
 """Labels of echoes: their cost, their sum against the image, the mean level over seeds, and one look against hybrid.
 
-``python benchmarks/studies/one_look_labels.py car bridge urban_block --seeds 50`` (car: a chip of one) prints one line
+``python -m benchmarks.studies.one_look_labels car bridge urban_block --seeds 50`` (car: a chip of one) prints one line
 each: processor seconds of the labels and of the hybrid image, both with compiled kernels; the error of the sum of all
 parts against method image; the ratio of the mean power of so many realisations to the expected one, channel by channel;
 and of method image against hybrid the difference of the complex images (dB), of means over 5 x 5 pixels of the brighter

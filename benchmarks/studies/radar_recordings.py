@@ -1,7 +1,7 @@
 """Focus of measured radar data, which the user has: Gotcha phase histories, RADARSAT-1 echoes.
 
-    python benchmarks/studies/radar_recordings.py gotcha/pass1/HH --extent 100 --spacing 0.25
-    python benchmarks/studies/radar_recordings.py radarsat.toml
+    python -m benchmarks.studies.radar_recordings gotcha/pass1/HH --extent 100 --spacing 0.25
+    python -m benchmarks.studies.radar_recordings radarsat.toml
 
 Prints contrast and entropy of the image as it is, with the provider's autofocus records and with each autofocuser, and
 what an autofocuser's range error differs from that of the records, without a constant and a slope. For chirped echoes

@@ -1,6 +1,6 @@
 """Random scenes against brute force: automatic settings, references that share no code with what they check.
 
-``python benchmarks/studies/random_truth.py --count 100 --first 5000`` draws scenes by seed and prints, for each
+``python -m benchmarks.studies.random_truth --count 100 --first 5000`` draws scenes by seed and prints, for each
 topic, how many are within 0.5 and 1 dB of the reference in mean level, how many are off by more than 3 dB without a
 warning, the errors of peak, position and coherence, and the ten worst with the command that repeats each.
 
@@ -26,12 +26,11 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-import _support
 import numpy as np
-import random_reference as reference
-import random_scenes as scenes
 from numpy.typing import NDArray
 
+from benchmarks.support import random_reference as reference
+from benchmarks.support import random_scenes as scenes
 from sarmitsuba.core.arrays import C128
 from tests.support.unweighted import focus
 
@@ -82,7 +81,7 @@ class Result:
 
     @property
     def command(self) -> str:
-        return f"python benchmarks/studies/random_truth.py --topic {self.topic} --first {self.seed} --count 1"
+        return f"python -m benchmarks.studies.random_truth --topic {self.topic} --first {self.seed} --count 1"
 
     @property
     def tells(self) -> bool:

@@ -1,6 +1,6 @@
 """Reverse mode: a map of 64 x 64 levels found from noisy raw data, and what a gradient by many heights costs.
 
-Usage: python benchmarks/studies/reverse.py [--seed N] [--side N] [--steps N] [--figure PNG] [--json FILE]
+Usage: python -m benchmarks.studies.reverse [--seed N] [--side N] [--steps N] [--figure PNG] [--json FILE]
        [--tables map|heights ...] [--bodies N ...]
 
 ``map``: level ground whose sigma0 is a bitmap of fields, a lane and a gentle slope; raw data at 20 dB of signal over
@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import _support
 import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
@@ -35,7 +34,6 @@ from sarmitsuba.machine.memory import peak_memory
 from tests.support.fits import noisy
 from tests.support.many_bodies import adjoint_of, city, products
 
-_ = _support
 # m of a texel, dB of signal over noise, fields in the map, and the pulses and band that image it at 0.75 m
 TEXEL, SNR_DB, FIELDS, PULSES, BANDWIDTH = 2.0, 20.0, 14, 208, 200e6
 # texels along a side of the patches whose bound is computed, and their rims, which are left out

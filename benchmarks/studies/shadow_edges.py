@@ -1,6 +1,6 @@
 """Shadow edges: a metal plate partly hidden by another, against physical optics over the truly lit polygon.
 
-``python benchmarks/studies/shadow_edges.py`` prints, for rays 0.22 to 6 wavelengths apart, the error of the field
+``python -m benchmarks.studies.shadow_edges`` prints, for rays 0.22 to 6 wavelengths apart, the error of the field
 over looks up to 25 degrees off the glint (its power over the field's), and the error of the mean level off the glint.
 The lit polygon is the plate less the other's central projection from the antenna, cut in NumPy; nothing of the
 tracing is used for it.
@@ -9,10 +9,9 @@ tracing is used for it.
 import argparse
 import sys
 
-import _support
 import numpy as np
-from random_reference import polygon_optics
 
+from benchmarks.support.random_reference import polygon_optics
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.materials.material import Material

@@ -1,6 +1,6 @@
 """Processor time of small images in a loop: a trihedral and a car, every heading another, loading included.
 
-Usage: python benchmarks/studies/small_images.py [--images N]
+Usage: python -m benchmarks.studies.small_images [--images N]
 
 Each image is made twice in turn: by one thread, as short runs are, and by all threads of the pool. The pixels of both
 have the same bits. Medians of all images but the first quarter, which compiles and loads kernels. The last columns are

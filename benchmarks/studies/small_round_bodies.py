@@ -1,6 +1,6 @@
 """Ray density over small round bodies at 7 GHz: error and time of sweeps and images, with 4.5 and 9 rays and as now.
 
-``python benchmarks/studies/small_round_bodies.py`` prints, for an almond, a sphere, a cylinder and an ogive, the rays
+``python -m benchmarks.studies.small_round_bodies`` prints, for an almond, a sphere, a cylinder and an ogive, the rays
 of a direction, the sampling error stated and true, and processor seconds: of a sweep of 180 degrees with 4.5 rays a
 wavelength and with automatic rays, and of an image over 60 degrees with up to 9 rays a wavelength and with automatic
 ones. True is against 70 rays a wavelength. Each is run once before, for its kernels.
@@ -23,7 +23,6 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import _support
 import numpy as np
 import trimesh
 

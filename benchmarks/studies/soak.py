@@ -1,6 +1,6 @@
 """Mixed runs one after the other in one process: what memory it holds after each round, and what is kept.
 
-    python benchmarks/studies/soak.py --count 300
+    python -m benchmarks.studies.soak --count 300
 
 A round is one run of each kind, with parameters drawn by seed. The first rounds fill bounded caches: growth
 is that from the first third to the last.
@@ -16,7 +16,6 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
-import _support
 import numpy as np
 
 import sarmitsuba

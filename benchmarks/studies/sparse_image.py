@@ -1,6 +1,6 @@
 """Sparse image of points from a third of the pulses, by iterative soft thresholding with a focusing operator.
 
-Usage: python benchmarks/studies/sparse_image.py [--focuser NAME] [--seed N] [--figure PNG] [--times]
+Usage: python -m benchmarks.studies.sparse_image [--focuser NAME] [--seed N] [--figure PNG] [--times]
 
 Points at drawn places off the pixels, noise, and two thirds of the pulses missing at random. The operator A of a
 focuser without windows gives the model of the data, s A^H x; FISTA (Beck and Teboulle, SIAM J. Imaging Sci. 2 (2009)

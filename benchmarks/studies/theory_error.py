@@ -1,6 +1,6 @@
 """Stated error of the theory against the true one, for drawn metal bodies solved by the method of moments.
 
-``python benchmarks/studies/theory_error.py`` sweeps every body with ``rcs_sweep`` by ray optics and prints its rms
+``python -m benchmarks.studies.theory_error`` sweeps every body with ``rcs_sweep`` by ray optics and prints its rms
 error in HH and VV, true and stated, then for each family and for all bodies how often the true error is above the
 stated one by 2 dB, and the stated error over the true one. Bodies are those to which the laws were fitted, and those
 drawn anew afterwards (held out). ``--set bodies`` takes single bodies, ``--set assemblies`` those of several parts and
@@ -18,11 +18,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import _support
-import drawn_assemblies
-import drawn_bodies
 import numpy as np
 
+from benchmarks.support import drawn_assemblies, drawn_bodies
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.loading.build import SceneMesh, build_scene

@@ -132,7 +132,11 @@ def fresh(mix: list[list[tuple[str, str, str, bool]]]) -> list[list[str]]:
     """The same in a process that has imported nothing: every thread loads its own scenes first."""
     alone = [[(what, name, variant, False) for what, name, variant, _ in tasks] for tasks in mix]
     done = subprocess.run(
-        [sys.executable, __file__, "--child", json.dumps(alone)], capture_output=True, text=True, timeout=600
+        [sys.executable, "-m", "benchmarks.studies.thread_mixes", "--child", json.dumps(alone)],
+        capture_output=True,
+        text=True,
+        timeout=600,
+        cwd=Path(__file__).parents[2],
     )
     if done.returncode:
         return [[f"status {done.returncode}: {done.stderr[-300:]}"] for _ in mix]

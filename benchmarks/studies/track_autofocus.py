@@ -1,7 +1,7 @@
 """Errors of the antenna's track: autofocus, which knows no scene, against the fit of the track to a known scene.
 
-    python benchmarks/studies/track_autofocus.py --first 400 -o out/track_autofocus
-    python benchmarks/studies/track_autofocus.py --gotcha FILE_OR_FOLDER --targets targets.csv -o out/gotcha
+    python -m benchmarks.studies.track_autofocus --first 400 -o out/track_autofocus
+    python -m benchmarks.studies.track_autofocus --gotcha FILE_OR_FOLDER --targets targets.csv -o out/gotcha
 
 Knots of the track are drawn up to a quarter of a wavelength, and up to two, along every axis, linear between them, 30
 dB of signal over noise. Images are made on the recorded track, after each autofocuser, on the fitted track and on the
@@ -26,7 +26,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import _support
 import numpy as np
 
 from sarmitsuba import fit
@@ -45,7 +44,6 @@ from tests.support.recorded_tracks import fitted_to_targets, read_targets
 from tests.support.tracks import TrackCase, targets, track_case, track_offsets
 from tests.support.unweighted import focus
 
-_ = _support
 KNOTS, SNR_DB = 6, 30.0
 # largest displacements along every axis, wavelengths
 ERRORS = (0.25, 2.0)

@@ -1,6 +1,6 @@
 """Which coherent tubes return anything, and how many a quadtree of larger tubes with equal paths would need.
 
-``python benchmarks/studies/tubes.py urban_block`` (or the file of a scene, with ``--radar airborne_x`` where it has
+``python -m benchmarks.studies.tubes urban_block`` (or the file of a scene, with ``--radar airborne_x`` where it has
 none) prints for the key pulse in the middle of the track:
 
 - rays, hits, and hits that return anything to the antenna (the others are left out before their fields are computed);

@@ -1,6 +1,6 @@
 """Scenes with trees at L, C and X band in one figure, and what volumes cost: CPU seconds with and without, in turns.
 
-    python benchmarks/studies/vegetation.py -o vegetation.png
+    python -m benchmarks.studies.vegetation -o vegetation.png
 
 The first rendering of each kind compiles its kernels and is not counted.
 """
@@ -12,12 +12,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import _support
-import harness  # noqa: F401  the package beside this folder
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from benchmarks.support import harness  # noqa: F401  the package beside this folder
 from sarmitsuba import (
     RadarDescription,
     SceneMesh,

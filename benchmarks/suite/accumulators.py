@@ -1,6 +1,6 @@
 """What adding known paths to pulses costs, and how exact it is: direct and block accumulators, by block length.
 
-Run ``python benchmarks/suite/accumulators.py [--quick] [-o FOLDER]``.
+Run ``python -m benchmarks.suite.accumulators [--quick] [-o FOLDER]``.
 
 The paths are random points (the worst order for the caches) whose slant ranges are computed in float64 inside the
 kernel, as the tracing kernel does; the accumulators are the ones of the tracing kernel. ``fill`` is that kernel,
@@ -16,10 +16,9 @@ import time
 from dataclasses import dataclass, replace
 from typing import Any
 
-import _support
-import harness
 import numpy as np
 
+from benchmarks.support import harness
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.radar.antenna import Antenna, Pointing

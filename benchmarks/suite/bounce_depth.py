@@ -2,9 +2,9 @@
 
 from typing import Any
 
-import _support
-import harness
 import numpy as np
+
+from benchmarks.support import harness
 
 # what comes back after the eighth bounce is below float32's rounding in all four scenes
 DEEPEST = 8

@@ -1,6 +1,6 @@
 """The page's backprojection in a headless browser, against ours: agreement, and CPU seconds with WebGL in software.
 
-Usage: python benchmarks/suite/browser.py [--quick] [-o FOLDER]; needs the package playwright and a Chromium.
+Usage: python -m benchmarks.suite.browser [--quick] [-o FOLDER]; needs the package playwright and a Chromium.
 """
 
 import base64
@@ -11,9 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import _support
-import harness
 import numpy as np
+
+from benchmarks.support import harness
 
 SIZE = 256  # pixels each way of the preview that follows a slider
 # drawn once for all cases: points over the middle of the image

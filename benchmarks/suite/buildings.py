@@ -3,8 +3,7 @@
 import tempfile
 from pathlib import Path
 
-import _support
-import harness
+from benchmarks.support import harness
 
 
 @harness.benchmark

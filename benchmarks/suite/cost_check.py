@@ -6,10 +6,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-import _support
-import harness
 import numpy as np
-import random_scenes
+
+from benchmarks.support import harness, random_scenes
 
 # of different methods: one look, blocks of pulses, dense blocks of pulses
 TARGETS = (-20.0, -27.0, -33.0)

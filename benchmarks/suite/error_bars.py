@@ -5,10 +5,10 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import _support
-import harness
 import numpy as np
-from denser_runs import DENSER, MOST_PASSES, TARGETS, converged, drawn_scene
+
+from benchmarks.support import harness
+from benchmarks.support.denser_runs import DENSER, MOST_PASSES, TARGETS, converged, drawn_scene
 
 if TYPE_CHECKING:
     pass

@@ -2,12 +2,11 @@
 
 from typing import Any, NamedTuple
 
-import _support
-import harness
 import numpy as np
-from methods import intensity_error_db
-from speed import thinned
 
+from benchmarks.suite.methods import intensity_error_db
+from benchmarks.suite.speed import thinned
+from benchmarks.support import harness
 from sarmitsuba.apps.cost_report import pareto
 from sarmitsuba.apps.cost_trials import TrialSetting, run_trial
 from sarmitsuba.loading.load import load_scene

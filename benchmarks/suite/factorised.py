@@ -1,6 +1,6 @@
 """Factorised backprojection beside backprojection: processor seconds in one run, and the error between the images.
 
-Usage: python benchmarks/suite/factorised.py [--quick] [-o FOLDER]
+Usage: python -m benchmarks.suite.factorised [--quick] [-o FOLDER]
 
 As many pulses as pixels along azimuth, two pixels per cell both ways, 10 km, X band, ground grid; echoes are noise that
 fills the band, so that no sample is spared an error. Backprojection's own error is below -100 dB.
@@ -13,12 +13,11 @@ import statistics
 import time
 from typing import Any
 
-import _support
-import harness
 import numpy as np
 import scipy.fft
-from focusers import band_noise
 
+from benchmarks.suite.focusers import band_noise
+from benchmarks.support import harness
 from sarmitsuba.core.progress import silent
 from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.machine.memory import held_memory

@@ -1,6 +1,6 @@
 """Frequency-domain focusers: point targets against backprojection, where each breaks, seconds and memory, noise.
 
-Usage: python benchmarks/suite/focuser_limits.py [--quick] [-o FOLDER]
+Usage: python -m benchmarks.suite.focuser_limits [--quick] [-o FOLDER]
 
 Phases are against the float64 sum (``backproject_numpy``), widths and side lobes against backprojection with its best
 kernel, whose own error against that sum is stated.
@@ -13,12 +13,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-import _support
-import focuser_breaks
-import harness
 import numpy as np
-from focuser_breaks import CHIP, FORMS, SWEEPS, focused, limit_of, place_of, setting
 
+from benchmarks.support import focuser_breaks, harness
+from benchmarks.support.focuser_breaks import CHIP, FORMS, SWEEPS, focused, limit_of, place_of, setting
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.mode import MODES, AimGeometry

@@ -1,6 +1,6 @@
 """Focusers: speed and error of backprojection by interpolation, and all focusers side by side.
 
-Usage: python benchmarks/suite/focusers.py [--quick] [-o FOLDER]
+Usage: python -m benchmarks.suite.focusers [--quick] [-o FOLDER]
 
 Errors are against the exact float64 sum
 (``backproject_numpy``: trigonometric interpolation, no kernel), never against another setting of the same code.
@@ -12,11 +12,9 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import _support
-import focuser_sizes
-import harness
 import numpy as np
 
+from benchmarks.support import focuser_sizes, harness
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.machine.backend import ensure_backend
 from sarmitsuba.signal.focusing import FOCUSERS, default_grid

@@ -1,6 +1,6 @@
 """What `render` says that it will take against what it took: processor seconds and peak memory, scene by scene.
 
-``python benchmarks/suite/forecast.py [--quick] [-o FOLDER] [--only NAME ...] [--rounds N] [--first SEED]``. Every run
+``python -m benchmarks.suite.forecast [--quick] [-o FOLDER] [--only NAME ...] [--rounds N] [--first SEED]``. Every run
 is the command in a process of its own. Seconds are compared as processor seconds of all threads, user and system,
 from the line that states them to the end, files and pictures included: other programs on the machine change those
 little, elapsed time as they like. Of the rounds of a run the one of the least seconds counts; the first may compile
@@ -17,11 +17,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import _support
-import harness
 import numpy as np
-from focuser_sizes import memory
 
+from benchmarks.support import harness
+from benchmarks.support.focuser_sizes import memory
 from sarmitsuba.loading.library import list_scenes, resolve
 from sarmitsuba.loading.load import load_scene
 from sarmitsuba.signal.focusing import default_grid
@@ -85,8 +84,7 @@ QUICK = ("plate", "tower, image")
 
 def runs(folder: Path, first: int = FIRST) -> dict[str, tuple[str, ...]]:
     """Arguments of `render` by name: shipped scenes, variants of them, drawn ones, cities and the crane."""
-    import crane
-    import random_scenes
+    from benchmarks.support import crane, random_scenes
 
     out: dict[str, tuple[str, ...]] = {entry.name: (entry.name,) for entry in list_scenes()}
     for seed in range(first, first + DRAWS):

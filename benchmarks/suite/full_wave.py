@@ -1,6 +1,6 @@
 """Where physical optics ends: three metal scenes on ground against the boundary-element method, over angle.
 
-``python benchmarks/suite/full_wave.py`` compares the simulator with the stored reference; ``--reference FILE`` with
+``python -m benchmarks.suite.full_wave`` compares the simulator with the stored reference; ``--reference FILE`` with
 another one. ``--compute FILE`` solves the scenes again with bempp-cl (``pip install .[full-wave]``) and writes such a
 file.
 """
@@ -15,11 +15,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import _support
-import full_wave_solver as solver
-import harness
 import numpy as np
 
+from benchmarks.support import full_wave_solver as solver
+from benchmarks.support import harness
 from sarmitsuba.core.arrays import C128, F64
 from sarmitsuba.truth.validation import full_wave as scenes
 

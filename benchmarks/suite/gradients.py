@@ -1,18 +1,14 @@
 """Derivatives and fits beside plain runs of the same scenes: processor time and peak memory.
 
-Usage: python benchmarks/suite/gradients.py [--quick] [-o FOLDER]
+Usage: python -m benchmarks.suite.gradients [--quick] [-o FOLDER]
 """
 
 import json
-import os
 import subprocess
 import sys
-from pathlib import Path
 
-import _support
-import harness
+from benchmarks.support import harness
 
-SUPPORT = Path(_support.__file__).parents[1] / "support"
 CASES = (
     "fields, 5 levels",
     "fields, track of 4 knots",
@@ -25,10 +21,8 @@ ALLOWED = 0.7
 
 def measured(case: str, kind: str) -> dict[str, float]:
     """Figures of one job, in a process of its own."""
-    command = [sys.executable, str(SUPPORT / "gradient_costs.py"), case, kind]
-    places = [str(place) for place in (harness.ROOT, SUPPORT, SUPPORT.parent / "studies")]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(places)}
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    command = [sys.executable, "-m", "benchmarks.support.gradient_costs", case, kind]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=harness.ROOT)
     found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
     return found
 

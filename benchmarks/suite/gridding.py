@@ -1,7 +1,6 @@
 """Spreading kernel: image error and time over its width, direct and block accumulator."""
 
-import _support
-import harness
+from benchmarks.support import harness
 
 
 @harness.benchmark

@@ -5,10 +5,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import _support
-import harness
 import numpy as np
-import random_scenes
+
+from benchmarks.support import harness, random_scenes
 
 # of the scenes with boxes on ground, drawn by seed; the constants of the estimate were chosen with others
 FIRST, COUNT = 100, 24

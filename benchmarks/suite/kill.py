@@ -9,11 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from statistics import median
 
-import _support
-import harness
 import numpy as np
 
 import sarmitsuba
+from benchmarks.support import harness
 from sarmitsuba.files import read_image, read_raw
 from sarmitsuba.machine.journal import Journal
 

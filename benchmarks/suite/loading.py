@@ -6,9 +6,7 @@ import warnings
 from collections.abc import Callable
 from typing import Any
 
-import _support
-import harness
-
+from benchmarks.support import harness
 from sarmitsuba.loading.mesh_files import read_mesh
 from sarmitsuba.loading.xml import parse_file
 

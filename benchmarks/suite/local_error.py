@@ -5,10 +5,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import _support
-import denser_runs
-import harness
 import numpy as np
+
+from benchmarks.support import denser_runs, harness
 
 # scenes of boxes on ground, drawn by seed: no constant was chosen with them
 FIRST, COUNT = 430, 21

@@ -6,8 +6,7 @@ import subprocess
 import sys
 import tempfile
 
-import _support
-import harness
+from benchmarks.support import harness
 
 CHILD = """
 import json, random, sys, time, warnings

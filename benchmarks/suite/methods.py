@@ -4,9 +4,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import _support
-import harness
 import numpy as np
+
+from benchmarks.support import harness
 
 # Franceschetti et al. (2003) on a workstation of its day: seconds for 2 and 16 buildings, 512 x 512 pixels
 LITERATURE_2003 = {2: 62.0, 16: 458.0}

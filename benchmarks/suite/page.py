@@ -1,6 +1,6 @@
 """The page of a run: its size, and CPU seconds of a headless browser that opens it and draws it in software.
 
-Usage: python benchmarks/suite/page.py [--quick] [-o FOLDER]; needs the package playwright and a Chromium.
+Usage: python -m benchmarks.suite.page [--quick] [-o FOLDER]; needs the package playwright and a Chromium.
 """
 
 import importlib.util
@@ -8,9 +8,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import _support
-import browser
-import harness
+from benchmarks.suite import browser
+from benchmarks.support import harness
 
 FRAMES = 10  # of which the CPU seconds are the mean
 # reading a pixel waits until the frame is drawn

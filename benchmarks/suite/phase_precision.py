@@ -1,7 +1,6 @@
 """Float32 against float64 lengths and phases, over the slant range."""
 
-import _support
-import harness
+from benchmarks.support import harness
 
 
 @harness.benchmark

@@ -2,10 +2,9 @@
 
 import warnings
 
-import _support
-import harness
 import numpy as np
 
+from benchmarks.support import harness
 from sarmitsuba.analysis.link_budget import link_budget
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.loading.library import list_radars

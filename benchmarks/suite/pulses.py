@@ -1,7 +1,6 @@
 """Cost and memory over the number of pulses."""
 
-import _support
-import harness
+from benchmarks.support import harness
 
 
 @harness.benchmark

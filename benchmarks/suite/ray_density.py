@@ -1,8 +1,8 @@
 """Ray density: image error against a converged reference, and time, over the distance between rays."""
 
-import _support
-import harness
 import numpy as np
+
+from benchmarks.support import harness
 
 FACTORS = (2.83, 2.0, 1.41, 1.0, 0.71, 0.5)  # of the automatic spacing: rays double from one to the next
 REFERENCE = 0.35  # spacing of the reference, as a factor: 8 times the rays of the default, two such passes

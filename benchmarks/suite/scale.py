@@ -4,9 +4,7 @@ import dataclasses
 import tempfile
 import time
 
-import _support
-import harness
-
+from benchmarks.support import harness
 from sarmitsuba import load_scene
 from sarmitsuba.apps.cluster import ClusterPlan
 from sarmitsuba.scene.scene import Scene

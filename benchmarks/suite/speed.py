@@ -4,8 +4,7 @@ import time
 from dataclasses import replace
 from typing import Any
 
-import _support
-import harness
+from benchmarks.support import harness
 
 SPACING = 0.25  # m between rays: 4 per metre
 DEPTH = 3

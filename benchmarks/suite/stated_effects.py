@@ -1,6 +1,6 @@
 """What the plan of effects states against what happens: every effect of shipped and drawn scenes the other way.
 
-``python benchmarks/suite/stated_effects.py [SCENE ...] [--draws N] [--drawn] [--blocks N] [--changes]``. Truth is the
+``python -m benchmarks.suite.stated_effects [SCENE ...] [--draws N] [--drawn] [--blocks N] [--changes]``. Truth is the
 focused image of the whole simulation, with the effect and without it, with the same blocks of pulses: energy of the
 change over that of the image, worst channel. Every scene is made small (coarse resolution, a piece of the image), so
 that a scene takes seconds; stated figures are those of ``explain`` for the same small scene, or (``--blocks``) what so
@@ -15,10 +15,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import _support
-import harness
 import numpy as np
 
+from benchmarks.support import harness
 from sarmitsuba.core.errors import SarmitsubaError, SarmitsubaWarning
 from sarmitsuba.effects.effect import Decision
 from sarmitsuba.effects.plan import EffectsPlan
@@ -118,7 +117,7 @@ def small(scene: Scene) -> Scene:
 
 def scenes(names: list[str], draws: int) -> Iterator[Scene]:
     """Shipped scenes with something to trace, then drawn ones."""
-    import random_scenes
+    from benchmarks.support import random_scenes
 
     for entry in list_scenes():
         if names and entry.name not in names:
@@ -158,7 +157,7 @@ def rows_of(scene: Scene, places: int, costs: bool) -> Iterator[Row]:
         clock = time.process_time if costs else None
         plan = measured_both_ways(run, scene, interval, clock=clock, most_places=places or MOST_PLACES)
     else:
-        plan = explain(scene).plan
+        plan = explain(scene, measured=True).plan
 
     def alike(switched: Scene) -> Scene:
         """With the same blocks of pulses: their length has a line of its own in the plan."""

@@ -1,6 +1,6 @@
 """Every error that the program states against the true one, over cases drawn by seed.
 
-``python benchmarks/suite/stated_errors.py [--kind NAME ...] [--first N] [--count N] [--lines FILE]``; ``--summary
+``python -m benchmarks.suite.stated_errors [--kind NAME ...] [--first N] [--count N] [--lines FILE]``; ``--summary
 FILE ...`` makes the tables of lines that earlier calls wrote. One topic is a function of a seed that gives rows: what
 was stated, what is true, or that it was refused. Errors are energies over that of the image, dB.
 """
@@ -15,13 +15,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-import _support
-import harness
 import numpy as np
-from stated_echoes import focusers, focusers_outside
-from stated_row import BELOW, FLOOR, Row
-from stated_traces import block_model, blocks, gridding, passes, rays, rcs
-from stated_wide import wide, wide_effects, wide_rays
+
+from benchmarks.support import harness
+from benchmarks.support.stated_echoes import focusers, focusers_outside
+from benchmarks.support.stated_row import BELOW, FLOOR, Row
+from benchmarks.support.stated_traces import block_model, blocks, gridding, passes, rays, rcs
+from benchmarks.support.stated_wide import wide, wide_effects, wide_rays
 
 TOPICS: dict[str, Callable[[int], Iterator[Row]]] = {
     "focusers": focusers,

@@ -1,15 +1,14 @@
 """Unknown low-frequency track error: the peak it costs, and what autofocus and motion compensation give back.
 
-Usage: python benchmarks/suite/track_error.py [--quick] [-o FOLDER]
+Usage: python -m benchmarks.suite.track_error [--quick] [-o FOLDER]
 """
 
 from dataclasses import dataclass, replace
 from typing import Any
 
-import _support
-import harness
 import numpy as np
 
+from benchmarks.support import harness
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.radar import Radar, ReceiveWindow

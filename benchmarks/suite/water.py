@@ -4,8 +4,7 @@ import statistics
 import time
 import warnings
 
-import _support
-import harness
+from benchmarks.support import harness
 
 
 @harness.benchmark

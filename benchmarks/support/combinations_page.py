@@ -5,8 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from combinations_reference import Deviation
-
+from benchmarks.support.combinations_reference import Deviation
 from sarmitsuba.scene.settings import METHODS
 from sarmitsuba.signal.focusing import FOCUSERS
 
@@ -32,8 +31,8 @@ focusers).
 | {wrong} wrong | not right, and nothing is said: a failure |
 
 ```sh
-python benchmarks/studies/combinations.py --page                                 # this page
-python benchmarks/studies/combinations.py --mode stripmap --first 3 --count 1    # one draw, with what was said
+python -m benchmarks.studies.combinations --page                                 # this page
+python -m benchmarks.studies.combinations --mode stripmap --first 3 --count 1    # one draw, with what was said
 ```
 
 Drawn are, for each mode: squint to 30 degrees, band (P, L, C, X, Ku), cells, range, look angle, heading, side and the

@@ -1,6 +1,6 @@
 """What the corrections of the tracing cost: a key pulse with each left out.
 
-Run by ``python benchmarks/studies/effects.py --only corrections``. A correction is no effect that a plan may leave
+Run by ``python -m benchmarks.studies.effects --only corrections``. A correction is no effect that a plan may leave
 out: without it some scenes are wrong.
 """
 

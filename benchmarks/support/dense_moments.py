@@ -3,7 +3,7 @@
 An exact reference for bodies of a few wavelengths that needs no further package and imports nothing of the simulator;
 ``full_wave_solver`` takes larger ones with symmetries and package bempp-cl. Lengths are in wavelengths.
 
-``python benchmarks/support/dense_moments.py`` checks it: spheres against the Mie series, and a plate on a finer mesh.
+``python -m benchmarks.support.dense_moments`` checks it: spheres against the Mie series, and a plate on a finer mesh.
 """
 
 import sys

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import harness
 import numpy as np
-import random_scenes
+
+from benchmarks.support import harness, random_scenes
 
 if TYPE_CHECKING:
     from sarmitsuba.scene.scene import Scene

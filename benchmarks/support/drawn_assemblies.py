@@ -2,7 +2,7 @@
 
 Long profiles (pairs of sheets, boxes and cylinders at gaps of 0.1 to 5 wavelengths, louvres, channels, bent sheets) are
 solved in two dimensions by :func:`sarmitsuba.truth.theory.strips_by_moments`, short ones (pairs of plates and boxes, a
-box before a plate, bent plates) by :mod:`dense_moments`. ``python benchmarks/support/drawn_assemblies.py FILE --seed
+box before a plate, bent plates) by :mod:`dense_moments`. ``python -m benchmarks.support.drawn_assemblies FILE --seed
 3`` draws, solves and stores them as JSON. Lengths are in wavelengths.
 """
 
@@ -15,13 +15,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import dense_moments as moments
 import numpy as np
-from drawn_bodies import AZIMUTH, STEP
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from benchmarks.support import dense_moments as moments
+from benchmarks.support.drawn_bodies import AZIMUTH, STEP
 from sarmitsuba.truth import theory
 
 F64 = NDArray[np.float64]

@@ -1,6 +1,6 @@
 """Drawn metal bodies of a tenth to five wavelengths, and their exact scattering by :mod:`dense_moments`.
 
-``python benchmarks/support/drawn_bodies.py FILE --seed 1 --each 5`` draws, solves and stores them as JSON.
+``python -m benchmarks.support.drawn_bodies FILE --seed 1 --each 5`` draws, solves and stores them as JSON.
 """
 
 import argparse
@@ -11,9 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import dense_moments as moments
 import numpy as np
 from scipy.spatial.transform import Rotation
+
+from benchmarks.support import dense_moments as moments
 
 # directions of a sweep, deg, and the step of the exact solution's mesh, wavelengths
 AZIMUTH = np.arange(0.0, 360.0, 5.0)

@@ -1,6 +1,6 @@
 """What the effects cost that only some scenes have: such a scene as planned, and with the effect switched off.
 
-Run by ``python benchmarks/studies/effects.py --only pairs``. Rounds alternate, the least of each counts: processor
+Run by ``python -m benchmarks.studies.effects --only pairs``. Rounds alternate, the least of each counts: processor
 seconds of simulating, without planning and focusing.
 """
 

@@ -7,9 +7,9 @@ time. A fourth curve is over the deviation of the track from a straight line, kn
 from dataclasses import replace
 from typing import Any
 
-import harness
 import numpy as np
 
+from benchmarks.support import harness
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.progress import silent
 from sarmitsuba.radar.radar import Radar

@@ -4,7 +4,7 @@ The matrix comes from the package bempp-cl (extra ``full-wave``); this file adds
 that make a perfectly conducting ground, and the splitting by symmetry that makes bodies of 10 wavelengths small enough
 for a dense matrix. It imports nothing of the simulator. Lengths are in wavelengths.
 
-``python benchmarks/support/full_wave_solver.py`` checks it: a sphere against the Mie series, the split solution
+``python -m benchmarks.support.full_wave_solver`` checks it: a sphere against the Mie series, the split solution
 against the unsplit one, and mirror images against two plane waves that arrive together.
 """
 

@@ -10,9 +10,9 @@ import time
 import warnings
 from collections.abc import Callable
 
-import munich_materials_drawn as munich_materials
 import numpy as np
 
+from benchmarks.support import munich_materials_drawn as munich_materials
 from sarmitsuba import Prior, RawData, Scene, fit
 from sarmitsuba.apps.fit.forward_model import ForwardModel
 from sarmitsuba.apps.fit.parsing import parse

@@ -22,7 +22,6 @@ from sarmitsuba.core.errors import ExtensionError
 from sarmitsuba.core.registry import Registry
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))  # tests.support
 SUITE = ROOT / "benchmarks" / "suite"
 RESULTS = ROOT / "benchmarks" / "results"
 # pages that programs make: not in the repository, shown by `make docs`
@@ -225,7 +224,7 @@ def discover(folder: Path = SUITE) -> None:
     """Import every file of a folder that holds a benchmark."""
     for path in sorted(folder.glob("*.py")):
         if path.stem not in BENCHMARKS.names and "\n@harness.benchmark\n" in path.read_text(encoding="utf-8"):
-            importlib.import_module(path.stem)
+            importlib.import_module(f"benchmarks.{folder.name}.{path.stem}")
 
 
 def _cell(value: Any) -> str:

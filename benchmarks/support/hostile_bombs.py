@@ -11,8 +11,8 @@ from typing import Any
 
 import h5py
 import numpy as np
-from hostile_structure import json_tree
 
+from benchmarks.support.hostile_structure import json_tree
 from sarmitsuba.machine.journal import _HEADER, _RECORD, MAGIC
 
 LARGE = 1_700_000_000  # bytes that a bomb unpacks to: more than a case may take

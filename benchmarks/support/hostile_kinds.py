@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from html.parser import HTMLParser
 from pathlib import Path
 
-import hostile_bombs as bombs
-import hostile_structure as structure
-from hostile_files import (
+from benchmarks.support import hostile_bombs as bombs
+from benchmarks.support import hostile_structure as structure
+from benchmarks.support.hostile_files import (
     PASSES_SHAPE,
     drawn_dictionary,
     mutate_bytes,

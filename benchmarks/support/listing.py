@@ -4,7 +4,7 @@ import ast
 import re
 from collections.abc import Mapping
 
-import harness
+from benchmarks.support import harness
 
 FOLDERS = harness.ROOT / "benchmarks"
 DOCS = harness.ROOT / "docs"
@@ -33,7 +33,7 @@ def suite(sections: Mapping[str, str]) -> str:
 
 def by_hand() -> str:
     """Tables of the scripts that are run by hand, and of what all of them import."""
-    lines = ["## Studies", "", "Run by hand, by `python benchmarks/studies/NAME.py`.", ""]
+    lines = ["## Studies", "", "Run by hand, by `python -m benchmarks.studies.NAME`.", ""]
     lines += ["| `benchmarks/studies/` | what it measures | results |", "|---|---|---|"]
     lines += [
         f"| `{name}` | {text} | {_pages('studies', name)} |" for name, text in scripts("studies").items()
@@ -45,7 +45,7 @@ def by_hand() -> str:
 
 def _pages(folder: str, name: str) -> str:
     """Links to the pages that name a script by its path or as ``--only NAME``."""
-    named = re.compile(rf"{folder}/{name}\.py|run_all\.py --only {name}\b")
+    named = re.compile(rf"{folder}/{name}\.py|{folder}\.{name}\b|run_all --only {name}\b")
     found = [
         path.stem for path in sorted(DOCS.glob("*.md")) if named.search(path.read_text(encoding="utf-8"))
     ]

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass, replace
 
-import harness
 import numpy as np
 
+from benchmarks.support import harness
 from sarmitsuba import Material, Prior, Scene
 from sarmitsuba.apps.fit.parsing import parse
 from sarmitsuba.core.arrays import F64

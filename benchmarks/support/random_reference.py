@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from random_scenes import Body, Draw, Radar, look_direction
 
+from benchmarks.support.random_scenes import Body, Draw, Radar, look_direction
 from sarmitsuba.core.arrays import C128, F64, I64
 
 SPEED_OF_LIGHT = 299_792_458.0

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from random_shapes import box, frame, gabled, polygon, terrain, turned
 
+from benchmarks.support.random_shapes import box, frame, gabled, polygon, terrain, turned
 from sarmitsuba.core.arrays import F64
 
 SPEED_OF_LIGHT = 299_792_458.0

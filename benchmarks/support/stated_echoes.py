@@ -5,10 +5,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from drawn_focusing import DrawnEchoes, direct_sum, draw_echoes, draw_wide
-from focuser_breaks import FORMS
-from stated_row import Row
 
+from benchmarks.support.drawn_focusing import DrawnEchoes, direct_sum, draw_echoes, draw_wide
+from benchmarks.support.focuser_breaks import FORMS
+from benchmarks.support.stated_row import Row
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.signal.focusing.focusers.backprojection import backproject

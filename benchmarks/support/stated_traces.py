@@ -5,13 +5,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import harness
 import numpy as np
-import random_scenes
-from denser_runs import DENSER, DENSER_RUNS, MOST_PASSES, TARGETS, converged
 from numpy.typing import NDArray
-from stated_row import Row
 
+from benchmarks.support import harness, random_scenes
+from benchmarks.support.denser_runs import DENSER, DENSER_RUNS, MOST_PASSES, TARGETS, converged
+from benchmarks.support.stated_row import Row
 from sarmitsuba.analysis.error_budget import error_budget
 from sarmitsuba.core.arrays import C128, F64
 from sarmitsuba.loading.load import load_scene

@@ -11,11 +11,11 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import harness
 import numpy as np
-from denser_runs import DENSER, converged
-from stated_row import Row
 
+from benchmarks.support import harness
+from benchmarks.support.denser_runs import DENSER, converged
+from benchmarks.support.stated_row import Row
 from sarmitsuba.analysis.error_budget import error_budget
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.loading.load import load_scene

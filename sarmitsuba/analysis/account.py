@@ -8,6 +8,7 @@ from sarmitsuba.analysis.error_budget import (
     BOUND,
     LAW,
     MEASURED,
+    NONE_DB,
     UNKNOWN,
     BudgetFacts,
     ErrorPart,
@@ -66,7 +67,7 @@ class StageTime:
 
 @dataclass(frozen=True)
 class Change:
-    """Change of one setting, and what it does to error and time.
+    """Change of one setting, and its effect on error and time.
 
     Parameters
     ----------
@@ -76,7 +77,7 @@ class Change:
     total_db : of the sum of all known errors, before and after
     seconds : processor seconds more, below 0 fewer; NaN: not known
     known : kind of the cause's error before the change, see :class:`ErrorPart`; that after it is by a law
-    likely_db : likely sum, before and after: a loose bound neither calls for a change nor hides what one loses
+    likely_db : likely sum, before and after: a loose bound neither calls for a change nor hides a loss
     sum_kind : kind of the sum, by the parts of it that count
     left_out_db : likely error of the cause afterwards, of effects left out; NaN: as ``error_db``
     """
@@ -163,7 +164,7 @@ class Account:
         finer = "no single setting lowers the known error visibly"
         loose = sum(_energy(part.weight_db) for part in self.parts if not math.isnan(part.likely_db))
         if loose > 0.5 * _energy(likely_total_db(self.parts)):
-            finer += "; effects left out are only bounded, `explain` measures them"
+            finer += "; effects left out are only bounded, `explain --measure` measures them"
         if self.finer:
             again = _SIMULATING.isdisjoint(self.stages) and self.finer.cause != "focuser"
             finer = f"{'simulate again with ' * again}{self.finer}"
@@ -203,7 +204,7 @@ def account(image: SarImage, stages: Mapping[str, StageTime], others: Iterable[A
     Notes
     -----
     Laws: energy of the error of the rays as their number to the power 0.83, energy of the error of blocks as their
-    length; bounces, effects and gridding from what the run states of them. Time of tracing as the rays or blocks, a
+    length; bounces, effects and gridding from the run's statements. Time of tracing as the rays or blocks, a
     bounce more as the mean bounces (at most). Errors of different causes are independent and their energies add.
     Every law is checked by applying the change (tests/analysis/test_account.py).
     """
@@ -383,7 +384,7 @@ def _gridding(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]
 def _effects(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
     """Each effect that is off and whose error rays or images measured, on its own: a bound by a law calls for none.
 
-    Only ``explain`` measures what share of the time one takes.
+    Only ``explain --measure`` measures the share of the time that one takes.
     """
     if part.known == UNKNOWN:
         return []
@@ -416,7 +417,7 @@ def _path(name: str, value: object) -> str:
 
 
 def _level(error_db: float) -> str:
-    return f"{error_db:.1f}" if math.isfinite(error_db) else "none"
+    return f"{error_db:.1f}" if error_db > NONE_DB and math.isfinite(error_db) else "none"
 
 
 def _finite(value: float, digits: int = 2) -> float | None:

@@ -1,10 +1,7 @@
-"""Baselines of interferometric pairs: components, the second pass, phase centres.
+"""Baseline of an interferometric pair: components about the line of sight, critical value and height of ambiguity.
 
-Interferometric baseline: components about the line of sight, critical baseline, height of ambiguity.
-
-Planning of the second pass: a perpendicular baseline suitable for the scene.
-
-Phase centres of an image: antenna positions and slant range of every point.
+A second pass with a baseline suitable for the scene is planned here too. Components are those at a pixel, from the
+phase centres of both images: antenna position and slant range of every point.
 """
 
 from dataclasses import dataclass

@@ -36,11 +36,11 @@ class Carrier:
     It is removed before interpolation between pixels and before division of the spectrum into looks.
 
     .. math:: D_{spotlight} = |p - c|, \qquad D_{stripmap} = x \sin\psi + \rho \cos\psi, \qquad
-              D_{sliding} = -|p - q|
+              D_{sliding} = -|p - q|, \qquad D_{TOPS} = |p - q|
 
     with c the antenna at mid-aperture, x the position along its line of flight, rho the range of closest approach, psi
-    the squint of a pixel's aperture, and q the rotation centre of a sliding spotlight's beam, through which the line of
-    sight at the centre of a pixel's aperture passes.
+    the squint of a pixel's aperture, and q the rotation centre of a turning beam, through which the line of sight at
+    the centre of a pixel's aperture passes: beyond the scene in sliding spotlight, behind the antenna in TOPS.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Carrier:
     center : (3,) float64, m, frame of the grid; antenna at mid-aperture
     forward : (3,) float64, unit vector of its velocity; in orbit not horizontal in the scene frame
     squint_sine : sine of the squint if every pixel has its own aperture; None: one aperture for all
-    turning_range : m, range of closest approach of q; infinite for a beam fixed to the track
+    turning_range : m, range of closest approach of q, negative behind the antenna; infinite for a beam at rest
 
     Notes
     -----
@@ -103,7 +103,9 @@ class Carrier:
             return np.hypot(x, rho)
         if np.isfinite(self.turning_range):
             ahead = self.turning_range * self._tangent
-            return np.asarray(-np.hypot(x - ahead, rho - self.turning_range))
+            # of a beam that overtakes the antenna (TOPS) the rotation centre lies behind it
+            away = np.hypot(x - ahead, rho - self.turning_range)
+            return np.asarray(-np.copysign(away, self.turning_range))
         return np.asarray(x * self.squint_sine + rho * np.sqrt(1.0 - self.squint_sine**2))
 
     def phasor(self, azimuth: ArrayLike, range: ArrayLike) -> C128:

@@ -1,28 +1,32 @@
 """Labels of pixels from the paths whose echoes make them: mechanism, shape and material, level without speckle.
 
-Boxes of shapes in an image, the share of each that the antenna sees, and the pixels in its shadow alone.
+Boxes of shapes have the share of the shape that the antenna sees, and the pixels in its shadow.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.analysis.geometric_labels import SurfacePoints, surface_points
+from sarmitsuba.analysis.label_classes import shape_names
 from sarmitsuba.analysis.label_owners import SceneOwners, SceneShapes
 from sarmitsuba.analysis.label_sight import SightLines, surface_samples
 from sarmitsuba.core.arrays import F32, F64, I64, unit_rows
 from sarmitsuba.core.constants import DEFAULT_WINDOW
-from sarmitsuba.core.errors import DataError, RadarError
+from sarmitsuba.core.errors import DataError, RadarError, SceneError
+from sarmitsuba.core.parameters import did_you_mean, one_line
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.signal.focusing.grid import default_grid
 from sarmitsuba.signal.focusing.placement import ImagePlacement
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.pixel_labels import LabelLayer, LabelledInstance
-from sarmitsuba.simulation.execution.grouped_look import GroupedLook
+from sarmitsuba.simulation.execution.grouped_look import GroupedLook, drawn_sources
 from sarmitsuba.simulation.execution.image import Imager
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.tracing.kernel.path_groups import MECHANISMS
@@ -80,7 +84,7 @@ def _solid(scene: Scene) -> I64:
 
 
 def visible_shares(scene: Scene, grid: ImageGrid, shapes: SceneShapes) -> F64:
-    """Share of the area of each mesh that the antenna sees from the middle of its aperture, (n_shapes,) 0 ... 1.
+    """Share of the area of each object that the antenna sees from the middle of its aperture, (n_shapes,) 0 ... 1.
 
     Of ``PLACES`` places on each, evenly spread. NaN for other shapes, which have no surface.
     """
@@ -90,20 +94,20 @@ def visible_shares(scene: Scene, grid: ImageGrid, shapes: SceneShapes) -> F64:
     row_of = np.full(max(1, geometry.n_faces), -1, dtype=np.int64)
     row_of[solid] = np.arange(solid.size)
     places, rows, of = [np.zeros((0, 3))], [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    for mesh in range(len(geometry.mesh_names)):
-        place, face = surface_samples(geometry, mesh, PLACES)
+    for number in range(len(geometry.object_names)):
+        place, face = surface_samples(geometry, number, PLACES)
         kept = row_of[face] >= 0
         places.append(place[kept])
         rows.append(row_of[face[kept]])
-        of.append(np.full(int(kept.sum()), mesh))
-    place, row, mesh_of = np.concatenate(places), np.concatenate(rows), np.concatenate(of)
+        of.append(np.full(int(kept.sum()), number))
+    place, row, object_of = np.concatenate(places), np.concatenate(rows), np.concatenate(of)
     if not solid.size:
         seen = np.zeros(0, dtype=bool)
     else:
         sight = SightLines(geometry.vertices[geometry.faces[solid]])
         seen = sight.hidden_by(place, row, placement.antenna(place)) < 0
-    count = np.bincount(mesh_of, minlength=shapes.n)
-    total = np.bincount(mesh_of, seen, shapes.n)
+    count = np.bincount(object_of, minlength=shapes.n)
+    total = np.bincount(object_of, seen, shapes.n)
     out[count > 0] = total[count > 0] / count[count > 0]
     return out
 
@@ -114,8 +118,8 @@ def shadows(scene: Scene, grid: ImageGrid, shapes: SceneShapes, points: Callable
     geometry, solid = scene.geometry, _solid(scene)
     if scene.radar.all_round or not solid.size or not shapes.ground.any():
         return out
-    found, mesh = points(), geometry.face_mesh
-    hidden = np.flatnonzero(~found.seen & shapes.ground[mesh[found.found.face]])
+    found, of_face = points(), geometry.face_object
+    hidden = np.flatnonzero(~found.seen & shapes.ground[of_face[found.found.face]])
     if not hidden.size:
         return out
     row_of = np.full(geometry.n_faces, -1, dtype=np.int64)
@@ -131,9 +135,9 @@ def shadows(scene: Scene, grid: ImageGrid, shapes: SceneShapes, points: Callable
 
 
 def _hidden_by_one(geometry: Geometry, solid: I64, place: F64, face: I64, antenna: F64) -> I64:
-    """Mesh (n,) that alone hides places (n, 3), m, on faces (n,) of ``solid`` from antennas (n, 3); -1: several."""
+    """Object (n,) that alone hides places (n, 3), m, on faces (n,) of ``solid`` from antennas (n, 3); -1: several."""
     corners = geometry.vertices[geometry.faces[solid]]
-    sight, mesh = SightLines(corners), geometry.face_mesh[solid]
+    sight, of_face = SightLines(corners), geometry.face_object[solid]
     out = np.full(len(place), -2, dtype=np.int64)
     going = np.arange(len(place))
     for _ in range(_PASSED):
@@ -141,7 +145,7 @@ def _hidden_by_one(geometry: Geometry, solid: I64, place: F64, face: I64, antenn
         going, met = going[met >= 0], met[met >= 0]
         if not going.size:
             break
-        new = mesh[met]
+        new = of_face[met]
         out[going] = np.where((out[going] == -2) | (out[going] == new), new, -1)
         line = antenna[going] - place[going]
         normal = sight.normal[met]
@@ -217,7 +221,7 @@ class EchoShares:
 
 
 class EchoLabels:
-    """Traced echoes of a scene in an image, by what they come from.
+    """Traced echoes of a scene in an image, by their origin.
 
     Parameters
     ----------
@@ -285,6 +289,82 @@ class EchoLabels:
         return self.groups.image(self.groups.cells(self._present))
 
 
+@dataclass(frozen=True)
+class MechanismEcho:
+    """Backscatter of an object by one mechanism.
+
+    Parameters
+    ----------
+    mechanism : name
+    bounces : number of reflections, as text; empty where the mechanism has none
+    rcs : m^2
+    """
+
+    mechanism: str
+    bounces: str
+    rcs: float
+
+
+_BOUNCES = {
+    "single bounce": "1",
+    "diffuse": "1",
+    "wall and ground": "2",
+    "double bounce": "2",
+    "triple bounce": "3",
+    "multiple bounces": "> 3",
+    "diffuse after mirror": "> 1",
+    "diffuse pair": "2",
+}
+
+
+@exclusive
+def object_echoes(scene: Scene, name: str, channel: str | None = None) -> tuple[MechanismEcho, ...]:
+    r"""Radar cross section of one object in its image by mechanism, in the order of bounces.
+
+    .. math:: \sigma = \sum_p |s_p|^2 \, A_\mathrm{pixel} / A_\mathrm{cell}
+
+    over the pixels, which is sigma0 integrated over area: the RCS of a lone point, and the mean one of clutter.
+
+    Parameters
+    ----------
+    scene : as loaded
+    name : of an object, or a pattern of names such as ``"house*"``, whose echoes are taken together
+    channel : polarisation; None: the first
+
+    Raises
+    ------
+    SceneError : no object has this name
+    DataError, RadarError : method ``image``, which makes the look, refuses the scene
+
+    Notes
+    -----
+    Paths over two objects count in halves, see docs/labels.md. Mechanisms interfere: their sum is not the RCS of all.
+    """
+    names = shape_names(scene)
+    if not any(name == one or fnmatchcase(one, name) for one in names):
+        raise SceneError(
+            f'{scene.name}: no object "{one_line(name)}"{did_you_mean(name, names)}; objects are shapes by their id, '
+            "parts named OBJECT/PART joined"
+        )
+    if channel is not None and channel not in scene.radar.channels:
+        raise SceneError(
+            f"{scene.name}: no channel {one_line(channel)!r}; the radar has {', '.join(scene.radar.channels)}"
+        )
+    echoes = EchoLabels(scene, default_grid(scene.radar, scene.image), {})
+    layer = 0 if channel is None else echoes.groups.channels.index(channel)
+    wanted = np.array([one == name or fnmatchcase(one, name) for one in (*echoes.shapes.names, "")])
+    wanted[-1] = False
+    out = {}
+    for mechanism, groups in echoes.parts(np.where(wanted[echoes.shape], echoes.mechanism, -1)):
+        image = echoes.imager.pack(echoes.groups.image(echoes.groups.cells(groups)))
+        cell = image.cell_area * (np.sin(image.incidence_angle) if image.grid.kind == "slant" else 1.0)
+        pixel = image.grid.azimuth_spacing * image.grid.range_spacing
+        power = np.square(np.abs(image.data[layer]), dtype=np.float64)
+        out[MECHANISMS[mechanism]] = float((power * pixel / cell).sum())
+    order = sorted(out, key=lambda one: (_BOUNCES.get(one, "~"), MECHANISMS.index(one)))
+    return tuple(MechanismEcho(one, _BOUNCES.get(one, ""), out[one]) for one in order if out[one] > 0.0)
+
+
 @exclusive
 def echo_labels(
     scene: Scene,
@@ -293,6 +373,7 @@ def echo_labels(
     *,
     windows: tuple[str, str] = (DEFAULT_WINDOW, DEFAULT_WINDOW),
     points: Callable[[], SurfacePoints] | None = None,
+    mechanisms: Sequence[str] | None = None,
 ) -> tuple[dict[str, LabelLayer], tuple[LabelledInstance, ...], tuple[str, ...]]:
     """Labels of pixels from the echoes of one look, as method ``image`` makes them.
 
@@ -303,12 +384,13 @@ def echo_labels(
     classes : semantic class of shapes, by name; None: without layers of classes
     windows : of range and azimuth
     points : gives the scene's surfaces in the image where they are already known, for shadows of instances
+    mechanisms : of the echoes that layers and boxes of instances are made of; None: all
 
     Returns
     -------
     layers : by name, see docs/labels.md
     instances : every shape of the scene
-    notes : what they leave out; where method ``image`` cannot show the scene, that alone
+    notes : parts that they leave out; where method ``image`` cannot show the scene, that alone
 
     Notes
     -----
@@ -333,7 +415,7 @@ def echo_labels(
     layers["mechanism_energy"] = LabelLayer(
         energy, "m^2", "power of the echoes of each mechanism, as RCS, summed over channels", parts=MECHANISMS
     )
-    instances, by_shape, own = _instances(echoes, points or (lambda: surface_points(scene, grid)))
+    instances, by_shape, own = _instances(echoes, points or (lambda: surface_points(scene, grid)), mechanisms)
     numbered = {i + 1: name for i, name in enumerate(echoes.shapes.names)}
     layers |= _make_part_layers("instance", "shape of most of the power", by_shape, echoes.shapes.names)
     layers["second_instance"] = LabelLayer(
@@ -368,12 +450,15 @@ def _make_part_layers(
 
 
 def _instances(
-    echoes: EchoLabels, points: Callable[[], SurfacePoints]
+    echoes: EchoLabels, points: Callable[[], SurfacePoints], mechanisms: Sequence[str] | None
 ) -> tuple[tuple[LabelledInstance, ...], EchoShares, NDArray[np.bool_]]:
     """Instances, the comparison of their powers, and where the strongest one has echoes."""
     shapes, scene = echoes.shapes, echoes.scene
     shares, own = EchoShares(echoes.grid.shape), np.zeros(echoes.grid.shape, dtype=bool)
-    for number, wanted in echoes.parts(np.where(echoes.shape < shapes.n, echoes.shape, -1)):
+    counted = echoes.shape < shapes.n
+    if mechanisms is not None:
+        counted &= np.isin(echoes.mechanism, [MECHANISMS.index(name) for name in mechanisms])
+    for number, wanted in echoes.parts(np.where(counted, echoes.shape, -1)):
         where, power, near = echoes.groups.powers_of(wanted, OWN_PLACE)
         leads = shares.add(number + 1, where, power)
         own[where] = np.where(leads, near, own[where])
@@ -404,7 +489,7 @@ def _instances(
 
 
 def _materials_of(echoes: EchoLabels) -> list[str]:
-    """Material of the most area of each mesh; the kind of other shapes."""
+    """Material of the most area of each object; the kind of other shapes."""
     geometry, scene = echoes.scene.geometry, echoes.scene
     out = [""] * echoes.shapes.n
     for shape, material in zip(echoes.owners.shape, echoes.owners.material, strict=True):
@@ -412,11 +497,9 @@ def _materials_of(echoes: EchoLabels) -> list[str]:
             out[shape] = echoes.owners.materials[material]
     corners = geometry.vertices[geometry.faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    for i, (start, stop) in enumerate(
-        zip(geometry.mesh_face_offset[:-1], geometry.mesh_face_offset[1:], strict=True)
-    ):
-        rows = slice(int(start), int(stop))
-        if stop > start:
+    for i in range(len(geometry.object_names)):
+        rows = geometry.faces_of_object(i)
+        if rows.size:
             sums = np.bincount(geometry.face_material[rows], area[rows])
             out[i] = scene.materials[int(np.argmax(sums))].name
     return out
@@ -469,7 +552,7 @@ def _make_expected_layers(echoes: EchoLabels, energy: F32) -> dict[str, LabelLay
 
 
 def _notes(echoes: EchoLabels) -> tuple[str, ...]:
-    """What the labels of echoes leave out."""
+    """Notes on parts that the labels of echoes leave out."""
     out = []
     if echoes.scene.settings.method != "image":
         out.append(
@@ -477,6 +560,5 @@ def _notes(echoes: EchoLabels) -> tuple[str, ...]:
         )
     if echoes.imager.run.plan.on("noise"):
         out.append("echoes are without receiver noise")
-    if echoes.imager.run.plan.flags.diffuse_pairs:
-        out.append("the expected level of pairs of diffuse scatterers is that of the pairs that were drawn")
-    return tuple(out)
+    drawn = [source.drawn for source in drawn_sources(echoes.imager)]
+    return (*out, *(f"the expected level of {name} is that of those that were drawn" for name in drawn))

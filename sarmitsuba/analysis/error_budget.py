@@ -22,6 +22,10 @@ _ROUNDING_DB = -115.0
 _LOOSE_DB = 10.0
 
 
+# errors below this are none: float32 images resolve no more
+NONE_DB = -200.0
+
+
 @dataclass(frozen=True)
 class ErrorPart:
     """Energy of one error relative to that of the image.
@@ -35,7 +39,7 @@ class ErrorPart:
     likely_db : likely level of an error of which ``error_db`` is a loose bound, dB; NaN: as ``error_db``
     samples : number of values that were measured; 0: it is not known, or nothing was measured
     upper_db : level below which a measured error lies with 95 % probability, dB; NaN: not known
-    law_db : what a law foretold of an error that was measured, dB; NaN: there is none
+    law_db : prediction by a law of an error that was measured, dB; NaN: there is none
     """
 
     name: str
@@ -59,7 +63,7 @@ class ErrorPart:
 
     @property
     def contradicts(self) -> bool:
-        """Whether the measured error lies far above what a law foretold."""
+        """Whether the measured error lies far above a law's prediction."""
         return Witness(self.error_db, self.error_db, self.samples, self.law_db).contradicts
 
     def __str__(self) -> str:
@@ -71,10 +75,10 @@ class ErrorPart:
         """Level and kind as text."""
         if self.known == UNKNOWN or math.isnan(self.error_db):
             return UNKNOWN
-        if self.error_db == -math.inf:
+        if self.error_db <= NONE_DB:
             return (
                 f"none found (95 %: {self.upper_db:.1f} dB), {self.kind}"
-                if self.upper_db > -math.inf
+                if self.upper_db > NONE_DB
                 else "none"
             )
         likely = f" (95 %: {self.upper_db:.1f} dB)" if self.upper_db > self.error_db + 1.0 else ""
@@ -158,7 +162,7 @@ def number(value: object) -> float:
 
 
 def _replace_by_witness(part: ErrorPart, facts: object) -> ErrorPart:
-    """The part as a witness measured it, if there is one; its own figure, where it has one, as what a law foretold."""
+    """The part as a witness measured it, if there is one; its figure by a law, where it has one, as the prediction."""
     found = Witness.read(facts)
     if found is None:
         return part

@@ -1,6 +1,6 @@
 """Layover, shadow, incidence angle and positions of the surfaces that fall into the pixels of an image.
 
-Triangles cut into the pixels of an image: the points of surfaces at which a pixel's centre shows them.
+Triangles are cut into pixels: every part gives the point of the surface that its pixel's centre shows.
 """
 
 from collections.abc import Callable, Iterator
@@ -402,7 +402,7 @@ def _smaller_than_a_pixel(
     solid, rows : faces of the geometry, and entries of these that move alike
     found : points of these; ``face`` counts in ``solid``
     """
-    shape = geometry.face_mesh[solid]
+    shape = geometry.face_object[solid]
     rows = rows[~np.isin(shape[rows], np.unique(shape[found.face]))]
     corners = geometry.vertices[geometry.faces[solid[rows]]]
     sides = corners[:, 1:] - corners[:, :1]
@@ -441,6 +441,7 @@ GEOMETRIC_LAYERS = (
     "surface_position",
     "slant_position",
     "shape",
+    "part",
     "shadow_of",
 )
 
@@ -469,10 +470,15 @@ def geometric_layers(scene: Scene, grid: ImageGrid, points: SurfacePoints) -> di
     rank = np.where(points.seen, 0.0, np.where(points.open, 2.0, 4.0))
     main = points.first(rank - found.area / (1.0 + found.area))
     low = points.first(np.where(points.seen | points.open, 0.0, 1e9) + height)
-    face_mesh = scene.geometry.face_mesh
-    names = {0: "none"} | {i + 1: name for i, name in enumerate(scene.geometry.mesh_names)}
-    shape = np.where(seen > 0, _pick_values(main, face_mesh[found.face] + 1, 0), 0)
-    dark = _pick_values(main, np.where(points.hider >= 0, face_mesh[points.hider] + 1, 0), 0)
+    geometry = scene.geometry
+    names, part_names = (
+        {0: "none"} | {i + 1: name for i, name in enumerate(every)}
+        for every in (geometry.object_names, geometry.mesh_names)
+    )
+    face_object = geometry.face_object
+    shape = np.where(seen > 0, _pick_values(main, face_object[found.face] + 1, 0), 0)
+    part = np.where(seen > 0, _pick_values(main, geometry.face_mesh[found.face] + 1, 0), 0)
+    dark = _pick_values(main, np.where(points.hider >= 0, face_object[points.hider] + 1, 0), 0)
     in_frame = found.point + scene.offset
     return {
         "layover_shadow": LabelLayer(
@@ -515,6 +521,9 @@ def geometric_layers(scene: Scene, grid: ImageGrid, points: SurfacePoints) -> di
             "shape of the seen surface with the largest area in the pixel",
             codes=names,
         ),
+        "part": LabelLayer(
+            part.astype(np.int32), "", "part of that shape: the mesh of the scene", codes=part_names
+        ),
         "shadow_of": LabelLayer(
             np.where(mask == SHADOW, dark, 0).astype(np.int32),
             "",
@@ -540,7 +549,7 @@ def _slant_position(radar: Radar, grid: ImageGrid) -> F64:
 
 
 def geometric_notes(scene: Scene) -> tuple[str, ...]:
-    """What the geometric labels leave out of a scene, a line each."""
+    """Notes on parts of a scene that the geometric labels leave out, a line each."""
     notes = []
     bare = len(scene.points) + len(scene.scatterers) - len(scene.bodies)
     if bare:

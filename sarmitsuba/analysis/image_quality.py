@@ -1,10 +1,6 @@
-"""Image quality: report of points, areas and noise; statistics of areas; spectral looks.
+"""Image quality: point responses, statistics of areas, noise level, and spectral looks.
 
-Report of image quality: points, areas, noise.
-
-Quality of areas: speckle, contrast, entropy, and noise level.
-
-Spectral multilooking: mean power of sub-apertures and sub-bands.
+Areas are measured by speckle, contrast and entropy. Spectral looks are the mean power of sub-apertures and sub-bands.
 """
 
 import dataclasses

@@ -1,10 +1,7 @@
-"""Interferometry of two images of one scene: interferogram, coherence, common band, heights.
+"""Interferometry of two images of one scene: phase, coherence and heights.
 
-Interferogram of two images on one grid: phase, coherence and geometry.
-
-Spectral shift filter: the common band of both images of a pair for level ground.
-
-Heights from interferometric phase: unwrapping, and geolocation of pixels by range, Doppler and phase.
+The spectral shift filter keeps the common band of both images for level ground. Heights follow from the unwrapped
+phase by geolocation of pixels from range, Doppler and phase.
 """
 
 from dataclasses import dataclass, replace

@@ -13,10 +13,10 @@ _MOST_BYTES = 10_000_000
 
 
 def shape_names(scene: Scene) -> tuple[str, ...]:
-    """Names of all shapes of a scene: meshes, points, scatterers."""
+    """Names of all shapes of a scene: objects of meshes, points, scatterers."""
     beside = (scene.points, scene.scatterers)
     return tuple(
-        dict.fromkeys([*scene.geometry.mesh_names, *(thing.name for many in beside for thing in many)])
+        dict.fromkeys([*scene.geometry.object_names, *(thing.name for many in beside for thing in many)])
     )
 
 

@@ -20,8 +20,6 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.tracing.kernel.path_groups import IS_GROUND, MECHANISMS, MOST_OWNERS, PathOwners
 from sarmitsuba.tracing.kernel.source import Launch
-from sarmitsuba.tracing.scatterers.edges.diffraction import FringeCurrents
-from sarmitsuba.tracing.scatterers.edges.fold_waves import FoldWaves
 
 # places along the sides of triangles by which the mesh of an edge is found, at most
 _SIDES = 200_000
@@ -38,11 +36,11 @@ def no_surface_materials() -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class SceneShapes:
-    """Shapes of a scene in one list: meshes, scatterers by their kinds, ideal points.
+    """Shapes of a scene in one list: objects of meshes, scatterers by their kinds, ideal points.
 
     Parameters
     ----------
-    names : of all, meshes one by one, others that share a name once
+    names : of all, objects one by one, others that share a name once
     first : number of the first one of every kind
     ground : (n,) whether each is ground
     """
@@ -54,7 +52,7 @@ class SceneShapes:
     @staticmethod
     def of(scene: Scene, classes: Mapping[str, str]) -> "SceneShapes":
         """Shapes of a scene as loaded."""
-        kinds = {"mesh": scene.geometry.mesh_names} | {
+        kinds = {"mesh": scene.geometry.object_names} | {
             kind: tuple(dict.fromkeys(thing.name for thing in things))
             for kind, things in _find_shapes_beside_mesh(scene).items()
         }
@@ -97,9 +95,9 @@ class SceneOwners:
         self._number: dict[tuple[int, int], int] = {}
         self.materials: list[str] = []
         of_row, n_materials = np.zeros(1, dtype=np.uint32), 1
-        self._mesh = np.zeros(0, dtype=np.int64)
+        self._object = np.zeros(0, dtype=np.int64)
         if run.trace_scene is not None and run.scene.geometry.n_faces:
-            self._mesh = _mesh_of_faces(scene, run.scene.geometry)
+            self._object = _object_of_faces(scene, run.scene.geometry)
             of_row, n_materials = self._rows(run.trace_scene.geometry_faces)
         self._of_kind: dict[str, I64] = {}
         for kind, things in _find_shapes_beside_mesh(run.scene).items():
@@ -130,7 +128,7 @@ class SceneOwners:
         geometry, materials = self.run.scene.geometry, self.run.scene.materials
         names = material_names(materials)
         mapped = any(m.maps is not None and m.maps.classes is not None for m in materials)
-        mesh, own = self._mesh[faces], geometry.face_material[faces].astype(np.int64)
+        mesh, own = self._object[faces], geometry.face_material[faces].astype(np.int64)
         n = len(names) if mapped else 1
         out = np.zeros((len(faces), n), dtype=np.uint32)
         pairs, row = np.unique(np.stack([mesh, own], axis=1), axis=0, return_inverse=True)
@@ -149,27 +147,29 @@ class SceneOwners:
         found = None if find is None else find(part)
         name = getattr(found, "mechanism", "scatterer")
         count = slice(part.first, part.first + part.count)
-        if isinstance(found, FringeCurrents | FoldWaves):
-            owner = self._find_mesh_owners(self._mesh[self._sides(found.middle[count])])
-        elif name == "diffuse pair" and found is not None:
+        if found is None:
+            owner = np.full(part.count, self._other)
+        elif hasattr(found, "middle"):
+            owner = self._find_object_owners(self._object[self._sides(found.middle[count])])
+        elif hasattr(found, "face"):
             owner = self._find_pair_owners(found.face[count])
-        elif name in self._of_kind and found is not None:
+        elif name in self._of_kind and hasattr(found, "owner"):
             owner = self._of_kind[name][found.owner[count]]
         else:
             owner = np.full(part.count, self._other)
         return MECHANISMS.index(name), np.asarray(owner, dtype=np.uint32)
 
-    def _find_mesh_owners(self, mesh: I64) -> I64:
+    def _find_object_owners(self, mesh: I64) -> I64:
         """An owner of each mesh (n,), whatever its material."""
         return np.array([self._by_mesh.get(m, self._other) for m in mesh.tolist()], dtype=np.int64)
 
     def _find_pair_owners(self, rows: NDArray[np.intp]) -> I64:
         """Owners of pairs of scatterers from the rows (n, 2) of their faces: the end that is not ground, or in turn."""
         assert self.run.trace_scene is not None
-        mesh = self._mesh[self.run.trace_scene.geometry_faces[rows]]
+        mesh = self._object[self.run.trace_scene.geometry_faces[rows]]
         ground = self.shapes.ground[mesh]
         end = np.where(ground[:, 0] == ground[:, 1], np.arange(len(rows)) % 2, ground[:, 0].astype(np.int64))
-        return self._find_mesh_owners(mesh[np.arange(len(rows)), end])
+        return self._find_object_owners(mesh[np.arange(len(rows)), end])
 
     def _sides(self, middle: F64) -> I64:
         """Face (n,) at whose side places (n, 3), m, lie."""
@@ -204,11 +204,11 @@ def _find_shapes_beside_mesh(scene: Scene) -> "dict[str, list[Target | PointTarg
     return found | {"point": list(scene.points)}
 
 
-def _mesh_of_faces(scene: Scene, geometry: Geometry) -> I64:
-    """Mesh of the scene as loaded for every face of the traced geometry; ground that goes on is that of its rim."""
+def _object_of_faces(scene: Scene, geometry: Geometry) -> I64:
+    """Object of the scene as loaded for every face of the traced geometry; ground that goes on is that of its rim."""
     mesh, n = geometry.face_mesh, len(scene.geometry.mesh_names)
     if (mesh >= n).any():
         rim = level_rim(scene.geometry)
         assert rim is not None
         mesh = np.where(mesh < n, mesh, scene.geometry.face_mesh[rim.face[0]])
-    return np.asarray(mesh)
+    return np.asarray(scene.geometry.mesh_object[mesh])

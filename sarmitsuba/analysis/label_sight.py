@@ -1,6 +1,6 @@
-"""Lines of sight from points of surfaces: to the antenna, and to the sky.
+"""Lines of sight from points of surfaces to the antenna and to the sky, and the shapes that are ground.
 
-Shapes that are ground: an echo over the ground belongs to the other shape on its path.
+An echo over the ground belongs to the other shape on its path.
 """
 
 from collections.abc import Mapping
@@ -90,7 +90,7 @@ PLACES, PASSED = 64, 4
 
 
 def ground_shapes(scene: Scene, classes: Mapping[str, str]) -> NDArray[np.bool_]:
-    """Whether each mesh is ground, (n_meshes,).
+    """Whether each object is ground, (n_objects,).
 
     A shape is ground by its class (``GROUND_CLASSES``), and where it has no class: if it goes on without end, or if
     ``LEVEL_SHARE`` of its area is inclined by less than 45 degrees and it lies over no other shape: at most ``OVER`` of
@@ -103,7 +103,7 @@ def ground_shapes(scene: Scene, classes: Mapping[str, str]) -> NDArray[np.bool_]
     classes : of shapes, by name
     """
     geometry = scene.geometry
-    n = len(geometry.mesh_names)
+    n = len(geometry.object_names)
     out = np.zeros(n, dtype=bool)
     if not geometry.n_faces:
         return out
@@ -111,13 +111,15 @@ def ground_shapes(scene: Scene, classes: Mapping[str, str]) -> NDArray[np.bool_]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normal, axis=1)
     level = np.abs(normal[:, 2]) > np.sqrt(0.5) * area
-    whole = np.bincount(geometry.face_mesh, area, n)
-    flat = np.bincount(geometry.face_mesh, area * level, n) >= LEVEL_SHARE * np.maximum(whole, 1e-300)
+    of_face = geometry.face_object
+    whole = np.bincount(of_face, area, n)
+    flat = np.bincount(of_face, area * level, n) >= LEVEL_SHARE * np.maximum(whole, 1e-300)
     sight = SightLines(corners)
-    for i, name in enumerate(geometry.mesh_names):
+    endless = set(geometry.mesh_object[np.flatnonzero(geometry.mesh_endless)].tolist())
+    for i, name in enumerate(geometry.object_names):
         if name in classes:
             out[i] = classes[name] in GROUND_CLASSES
-        elif geometry.mesh_endless and geometry.mesh_endless[i]:
+        elif i in endless:
             out[i] = True
         elif flat[i] and whole[i] > 0.0:
             place, face = surface_samples(geometry, i, PLACES)
@@ -126,12 +128,12 @@ def ground_shapes(scene: Scene, classes: Mapping[str, str]) -> NDArray[np.bool_]
 
 
 def _lies_over_another(
-    sight: SightLines, geometry: Geometry, corners: F64, place: F64, face: I64, mesh: int
+    sight: SightLines, geometry: Geometry, corners: F64, place: F64, face: I64, number: int
 ) -> NDArray[np.bool_]:
-    """Whether another mesh is more than ``DEPTH`` below places (n, 3), m, on faces (n,) of a mesh."""
+    """Whether another object is more than ``DEPTH`` below places (n, 3), m, on faces (n,) of one."""
     height, going = place[:, 2].copy(), np.arange(len(place))
     out = np.zeros(len(place), dtype=bool)
-    of_face = geometry.face_mesh
+    of_face = geometry.face_object
     for _ in range(PASSED):
         below = place[going].copy()
         below[:, 2] -= 1e5
@@ -145,15 +147,15 @@ def _lies_over_another(
             "ni,ni->n", across[:, :2], place[going, :2] - a[:, :2]
         ) / np.where(across[:, 2] == 0.0, 1e-300, across[:, 2])
         face[going] = met
-        other = of_face[met] != mesh
+        other = of_face[met] != number
         out[going] |= other & (height[going] - place[going, 2] > DEPTH)
         going = going[~other]
     return out
 
 
-def surface_samples(geometry: Geometry, mesh: int, n: int) -> tuple[F64, I64]:
-    """Points (n, 3), m, spread evenly over the area of a mesh at time zero, and the faces (n,) that they lie on."""
-    rows = np.arange(int(geometry.mesh_face_offset[mesh]), int(geometry.mesh_face_offset[mesh + 1]))
+def surface_samples(geometry: Geometry, number: int, n: int) -> tuple[F64, I64]:
+    """Points (n, 3), m, spread evenly over the area of an object at time zero, and the faces (n,) that they lie on."""
+    rows = geometry.faces_of_object(number)
     corners = geometry.vertices[geometry.faces[rows]]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     total = np.cumsum(area)

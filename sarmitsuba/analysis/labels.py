@@ -23,23 +23,26 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.focusing.grid import default_grid
 from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.pixel_labels import LabelLayer, LabelledInstance, Labels
+from sarmitsuba.tracing.kernel.path_groups import MECHANISMS
 
 
 @dataclass(frozen=True, eq=False)
 class LabelledImage:
-    """What labels are of.
+    """Object of labels.
 
     Parameters
     ----------
     scene, grid : of the image, in the frame of the scene
     classes : semantic class of shapes, by name; None: there are no classes
     windows : of range and azimuth, of the image
+    mechanisms : of the echoes that instances are made of; None: all
     """
 
     scene: Scene
     grid: ImageGrid
     classes: Mapping[str, str] | None
     windows: tuple[str, str]
+    mechanisms: tuple[str, ...] | None = None
 
     @cached_property
     def points(self) -> SurfacePoints:
@@ -55,7 +58,7 @@ class MadeLabels:
     ----------
     layers : by name, on the image's grid
     instances : shapes in the image; of one maker only
-    notes : what they leave out
+    notes : parts that they leave out
     """
 
     layers: Mapping[str, LabelLayer]
@@ -70,7 +73,7 @@ class LabelMaker:
     Parameters
     ----------
     layers : names of all that it can make
-    make : called with what the labels are of
+    make : called with the object of the labels
     pixel_bytes : memory of a pixel while they are made
     """
 
@@ -86,7 +89,14 @@ def _make_by_geometry(of: LabelledImage) -> MadeLabels:
 def _make_by_echoes(of: LabelledImage) -> MadeLabels:
     # points are of no use where the radar's track has no one direction of range; echoes have no labels there either
     return MadeLabels(
-        *echo_labels(of.scene, of.grid, of.classes, windows=of.windows, points=lambda: of.points)
+        *echo_labels(
+            of.scene,
+            of.grid,
+            of.classes,
+            windows=of.windows,
+            points=lambda: of.points,
+            mechanisms=of.mechanisms,
+        )
     )
 
 
@@ -107,18 +117,20 @@ def labels(
     image: SarImage | None = None,
     classes: Mapping[str, str] | None = None,
     layers: Sequence[str] | None = None,
+    mechanisms: Sequence[str] | None = None,
 ) -> Labels:
-    """Labels of every pixel of an image: layover, shadow, positions, and what its echoes come from.
+    """Labels of every pixel of an image: layover, shadow, positions, and the origin of its echoes.
 
     Parameters
     ----------
     scene : of the image; a scene file or the name of a shipped scene is loaded
-    grid : of the image, in any frame; None: that of ``image``, else the scene's own
+    grid : of the image, in any frame; None: that of ``image``, else that of the scene
     image : whose pixels are labelled, for its grid and windows
     classes : semantic class of each shape, by its name or by a pattern of names such as ``"building*"``; None: the
         scene has no classes
     layers : names of those wanted; None: all. Without one of echoes (docs/labels.md) nothing is traced, and there are
         no instances
+    mechanisms : of the echoes that layers and boxes of instances are made of, such as ``["double bounce"]``; None: all
 
     Returns
     -------
@@ -153,7 +165,8 @@ def labels(
         "label an image of fewer pixels, or ask for fewer layers",
     )
     table = None if classes is None else checked_classes(scene, classes)
-    of = LabelledImage(scene, grid, table, _windows(image))
+    chosen = None if mechanisms is None else checked_mechanisms(mechanisms)
+    of = LabelledImage(scene, grid, table, _windows(image), chosen)
     made = [maker.make(of) for maker in makers]
     found = {name: layer for one in made for name, layer in one.layers.items() if name in wanted}
     notes = tuple(note for one in made for note in one.notes)
@@ -171,6 +184,15 @@ def _windows(image: SarImage | None) -> tuple[str, str]:
     found = [said.get(f"{axis}_window") for axis in ("range", "azimuth")]
     first, second = (one if isinstance(one, str) and one else DEFAULT_WINDOW for one in found)
     return first, second
+
+
+def checked_mechanisms(names: Sequence[str]) -> tuple[str, ...]:
+    """Names of mechanisms, after a check that there are such."""
+    for name in names:
+        if name not in MECHANISMS:
+            guess = did_you_mean(name, MECHANISMS) or f"; there are {', '.join(MECHANISMS)}"
+            raise DataError(f'labels: no mechanism "{name}"{guess}')
+    return tuple(names)
 
 
 def checked_layers(layers: Sequence[str]) -> tuple[str, ...]:

@@ -1,10 +1,6 @@
-"""Link budget of a scene's radar before tracing: signal, noise, timing, and findings.
+"""Link budget of a scene's radar, before tracing: signal and noise at a point of the image, timing, and findings.
 
-Link budget of a scene's radar, computed before tracing.
-
-Findings about impossible or unfavourable combinations of radar parameters, one line each.
-
-Signal and noise at one point of the image: aperture, resolution, radar equation.
+Findings are impossible or unfavourable combinations of radar parameters, one line each.
 """
 
 import math

@@ -1,7 +1,4 @@
-"""Point targets in an image: positions (found or given) and impulse responses.
-
-Predicted widths of an image's impulse response, from its cells and windows.
-"""
+"""Point targets in an image, found or given: positions, impulse responses and their predicted widths."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,26 +1,15 @@
-r"""Polarimetry: coherency matrix, Cloude-Pottier decomposition, compact polarimetry, colours, report.
+r"""Polarimetry of an image: coherency matrices, decompositions, colours, and a report.
 
-Scattering vectors and their second moments: coherency matrix T, covariance matrix C.
+Scattering vectors have second moments T (coherency) and C (covariance). Reciprocity is assumed except in
+:func:`coherency4`: the cross-polar channel is ``X = (HV + VH) / 2``. Entropy, anisotropy and alpha come from the
+eigenvectors of T. Channels of a circular wave are decomposed by Stokes vectors (m-delta, m-chi). Averages are over
+blocks of pixels or a sliding window; all pictures have one law of colours.
 
-Reciprocity is assumed except in :func:`coherency4`: the cross-polar channel is ``X = (HV + VH) / 2``. Sources: Cloude
-and Pottier, IEEE TGRS 34 (2) 1996, equations 8 to 18; Lee and Pottier, Polarimetric Radar Imaging (2009), chapter 3.
-
-Cloude-Pottier decomposition: entropy, anisotropy and alpha from the eigenvectors of the coherency matrix.
-
-Source: Cloude and Pottier, IEEE TGRS 35 (1), 68-78, 1997.
-
-Colours from three powers, by one law for all pictures.
-
-Compact polarimetry: Stokes vector of the echo of a circular wave, and its decompositions.
-
-Source: Raney, IEEE TGRS 45 (11) 2007 (hybrid polarity, m-delta); Raney, Cahill, Patterson, Bussey, JGR 117, E00H21,
-2012 (m-chi).
-
-Multilook averages over blocks of pixels, or over a sliding window.
-
-Report of an image's polarimetry.
-
-Scattering matrices of an image's pixels.
+References
+----------
+Cloude and Pottier, IEEE TGRS 34 (2) 1996, equations 8 to 18, and 35 (1) 1997, 68-78; Lee and Pottier, Polarimetric
+Radar Imaging (2009), chapter 3; Raney, IEEE TGRS 45 (11) 2007 (m-delta); Raney, Cahill, Patterson, Bussey, JGR 117,
+E00H21, 2012 (m-chi).
 """
 
 from dataclasses import dataclass

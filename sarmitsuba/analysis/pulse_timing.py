@@ -1,10 +1,6 @@
-"""Pulse timing: bounds of the PRF, ambiguity-to-signal ratios, ghosts.
+"""Pulse timing: bounds of the pulse repetition frequency, blind ranges, nadir echo, and ambiguities.
 
-Pulse timing: bounds of the pulse repetition frequency, blind ranges, nadir echo.
-
-Ambiguity-to-signal ratios of homogeneous ground, from the antenna pattern.
-
-Azimuth and range ambiguity-to-signal ratios of the image, by closed forms.
+Ambiguity-to-signal ratios of homogeneous ground are closed forms of the antenna pattern, in azimuth and in range.
 """
 
 from collections.abc import Callable

@@ -1,14 +1,7 @@
-r"""Clusters: their address, the client, the worker process, focusing by workers, predicted cost.
+r"""Runs on a Dask cluster of local or remote workers: address, client, worker process, focusing, and predicted cost.
 
-Address of a cluster: local workers, or the scheduler of remote ones.
-
-Client of a Dask cluster: starts or joins it, distributes tasks and collects results.
-
-Backprojection by the workers of a cluster: one task per launch of pixels; every worker holds all raw data.
-
-Predicted time, traffic and price of a run on a cluster.
-
-Worker process of a cluster: builds the scene once per run, and traces or focuses its tasks.
+The client distributes tasks and collects results. A worker builds the scene once per run, and traces or focuses its
+tasks; backprojection has one task per launch of pixels, and every worker holds all raw data.
 """
 
 import dataclasses
@@ -16,6 +9,7 @@ import logging
 import math
 import os
 import re
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -232,6 +226,9 @@ def open_workers(address: ClusterAddress, extensions: Sequence[str] = ()) -> Ite
     """
     if not address.scheduler:
         security = _own_certificate()
+        # queues of Dask's processes have named semaphores; where a signal ends this process, Python's tracker removes
+        # them, and would warn of each run's: it starts with the filters that stand here
+        sys.warnoptions.append("ignore:resource_tracker:UserWarning")
         # workers import modules from their folder: a shared folder could hold modules of other users
         with (
             dask.config.set(_NO_PAGES),

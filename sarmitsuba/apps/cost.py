@@ -1,8 +1,6 @@
-"""Cost study of a scene: one sweep per parameter, a model of all combinations, the cheapest setting.
+"""Cost study of a scene: one sweep per parameter, a model of all combinations, and the cheapest setting.
 
-Measurement of the Pareto front, starting near the wanted error.
-
-Choice of the scene's parts for the sweeps and for the verification of a cost study.
+Sweeps and verification run on parts of the scene. The Pareto front is measured from near the wanted error outwards.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -67,7 +65,7 @@ def measure_front(
     target_error_db : wanted error
     deadline : on the proof's clock
     progress : called after every run
-    own : index of the scene's own setting, whose seconds are measured already; None: it is not measured
+    own : index of the scene's setting, whose seconds are measured already; None: it is not measured
 
     Returns
     -------
@@ -214,7 +212,7 @@ class _Task:
     ----------
     depth, unseen : bounces of the references, and relative energy of later ones
     whole : run of the plain setting on the whole scene
-    own_seconds : of the scene's own setting
+    own_seconds : of the scene's setting
     """
 
     scene: Scene
@@ -284,7 +282,7 @@ def study_cost(
     not included.
 
     Seconds to which others are compared, short ones and those that deviate are measured twice, and a third time where
-    the two differ. The scene's own setting is one of the combinations, and no slower one that is not more accurate is
+    the two differ. The scene's setting is one of the combinations, and no slower one that is not more accurate is
     recommended: a recommendation that its last run shows to be such a one gives way to the next.
 
     A reference has all bounces that the scene needs by its plan, also where the scene sets fewer. What the pilot finds
@@ -335,7 +333,7 @@ def _check_recommendation(
 ) -> tuple[Recommendation, ProofRun | None]:
     """Recommendation, and its run with other lattices where the budget allows.
 
-    Where that shows it to be slower than the scene's own setting and no more accurate, it is a candidate with these
+    Where that shows it to be slower than the scene's setting and no more accurate, it is a candidate with these
     figures, and the next one is recommended.
     """
     own = candidates[-1]
@@ -396,7 +394,7 @@ def _task(scene: Scene, target_error_db: float, budget: float, progress: Progres
 
 
 def own_changes(scene: Scene, sampling: SamplingPlan, depth: int) -> Changes:
-    """The scene's own setting, with the automatic values of its method."""
+    """The scene's setting, with the automatic values of its method."""
     method = scene.settings.method
     spacings = (sampling.of_one_look() if method == "image" else sampling).spacings
     own: dict[str, float | str] = {"method": method, "max_depth": depth, **spacings.at(1.0)}
@@ -406,7 +404,7 @@ def own_changes(scene: Scene, sampling: SamplingPlan, depth: int) -> Changes:
 def reference_depth(scene: Scene, plan: EffectsPlan) -> tuple[int, float]:
     """Bounces of a reference, and the most energy of later ones relative to the image, by the pilot (0 without one).
 
-    They are at least those of the scene's plan, and of the plan without the scene's own limit, and more until the pilot
+    They are at least those of the scene's plan, and of the plan without the scene's limit, and more until the pilot
     bounds the rest by ``NO_MORE_DB``, if it does.
     """
     settings = scene.settings
@@ -493,7 +491,7 @@ def _proof(task: _Task, sweeps: Sweeps, piece_text: str, converged: Reference) -
 
 
 def _candidates(task: _Task, sweeps: Sweeps, proof: Proof) -> list[Candidate]:
-    """All combinations, measured or corrected, the scene's own setting as the last.
+    """All combinations, measured or corrected, the scene's setting as the last.
 
     Of method ``raw`` it is predicted.
     """

@@ -1,6 +1,6 @@
-"""Report of a cost study: table rows, combinations, recommendations as options of ``render``.
+"""Report of a cost study: table rows, combinations, recommended options of ``render``, and their verification.
 
-Verification of a cost study: measured error against a reference, and time of a setting.
+A recommended setting is run: its error against a reference, and its seconds.
 """
 
 from collections.abc import Sequence
@@ -51,7 +51,7 @@ class Reference:
         return Reference(mean.astype(np.complex64), sum_energy(a - b) / (4.0 * sum_energy(mean)), unseen)
 
     def error_db(self, image: Image) -> float:
-        """Energy of an image's error over that of the reference, dB, minus the reference's own noise.
+        """Energy of an image's error over that of the reference, dB, minus the reference's noise.
 
         At most half of the difference is attributed to the reference. Bounces that the reference lacks count as error.
         """
@@ -223,7 +223,7 @@ class CostReport:
     budget : s, of the study
     skipped : sweeps that the budget left no time for, or cut short
     reused : trials of an earlier study that were not repeated
-    own : the scene's own setting
+    own : the scene's setting
     seconds : of the whole study, without compiling
     compile_seconds : of compiling
     """
@@ -268,14 +268,14 @@ def recommend(
 ) -> Recommendation:
     """Cheapest combination that meets the target by its estimate, or the most accurate one.
 
-    None that is slower than the scene's own setting and no more accurate.
+    None that is slower than the scene's setting and no more accurate.
 
     Parameters
     ----------
     candidates : all combinations
     target_error_db : wanted error
     skipped : sweeps that were left out or cut short, for the remark
-    own : the scene's own setting, one of the combinations
+    own : the scene's setting, one of the combinations
     """
     if own is not None:
         candidates = [c for c in candidates if c is own or not beaten(c, own)]

@@ -232,7 +232,7 @@ def _intervals(study: Sweeps) -> None:
 def _focusers(study: Sweeps, scene: Scene) -> None:
     """Sweep interpolations of backprojection, all other focusers, and the wanted error of factorised backprojection.
 
-    All focus the same echoes. Times and errors are carried to the whole scene by each focuser's own model of them.
+    All focus the same echoes. Times and errors are carried to the whole scene by each focuser's model of them.
     """
     if study.late("focuser"):
         return

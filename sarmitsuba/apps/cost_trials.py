@@ -1,8 +1,7 @@
-"""Trials of a cost study: each is run once, and kept in a file from which an interrupted study continues.
+"""Trials of a cost study: one scene under many settings, with error against a reference, seconds by stage and memory.
 
-One scene under many settings: error against a reference, seconds by stage, memory.
-
-Clocks of a cost study: processor seconds of this machine, or computed from the work for a machine of given speed.
+Each trial is run once and kept in a file, from which an interrupted study continues. Seconds are processor seconds of
+this machine, or computed from the work for a machine of given speed.
 """
 
 import json
@@ -200,7 +199,7 @@ class Prepared:
 
     Parameters
     ----------
-    run : of the scene's own settings, not traced
+    run : of the scene's settings, not traced
     seconds : of preparing it, by stage
     """
 

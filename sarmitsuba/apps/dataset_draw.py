@@ -1,10 +1,7 @@
-"""Draw of one sample: its scene and radar, from the recipe's seed and the sample's number alone.
+"""Draw of a sample of a data set: scene and radar, from the recipe's seed and the sample's number alone.
 
-Places of shapes in a scene, drawn so that nothing touches.
-
-Scene files that a recipe may draw: what they hold.
-
-Training, validation and test parts, disjoint by instance or by scene.
+Shapes are placed so that nothing touches, in scene files whose content is examined here. Samples belong to training,
+validation or test, disjoint by instance or by scene.
 """
 
 import hashlib
@@ -244,7 +241,7 @@ class DrawnShapes:
 
 @dataclass(frozen=True, eq=False)
 class DrawnSample:
-    """Scene of a sample, and what was drawn.
+    """Scene of a sample, and the drawn values.
 
     Parameters
     ----------
@@ -305,7 +302,7 @@ class Drawer:
 
     @cached_property
     def scene_files(self) -> dict[str, SceneFile]:
-        """What the scene files of the recipe hold, by name."""
+        """Content of the recipe's scene files, by name."""
         if not self.recipe.from_file:
             return {}
         return {name: SceneFile.of(self._file(name)) for name in self.recipe.drawn("scene", "file").texts}
@@ -358,7 +355,7 @@ class Drawer:
         )
 
     def draw(self, number: int, attempt: int) -> DrawnSample:
-        """Sample of a number; other attempts draw its radar, and a scene of its own, anew.
+        """Sample of a number; other attempts draw its radar, and their scene, anew.
 
         Raises
         ------

@@ -1,14 +1,13 @@
-"""Generation of a data set: samples by processes or a cluster, resumed from a journal, and its files.
+"""Generation of a data set: samples by processes or a cluster, and the files about them.
 
-Pictures of samples for detectors: 8 bits of the logarithm of intensity.
-
-COCO annotations of a data set, one document for each part.
-
-Data card of a data set: what was drawn, which physics was on, stated errors, seeds, versions, licence.
+An interrupted generation continues from a journal. Files for detectors are 8-bit pictures of the logarithm of
+intensity and COCO annotations of each part; the data card states distributions, physics, errors, seeds, versions and
+licence.
 """
 
 import hashlib
 import json
+import math
 import multiprocessing
 import multiprocessing.connection
 import multiprocessing.resource_tracker
@@ -76,6 +75,10 @@ def picture_name(number: int, tile: int) -> str:
     return f"picture_{number:07d}_{tile:04d}.png"
 
 
+# share of the power of a tile's brightest pixel from which on a pixel is bright
+BRIGHT = 0.01
+
+
 class DetectionDocuments:
     """COCO documents, filled sample by sample.
 
@@ -87,7 +90,9 @@ class DetectionDocuments:
     Notes
     -----
     Shapes are annotated by their pixels in the layer ``shape``, or else ``instance``, where the recipe asks for it;
-    without, by the bounds of their vertices within the image. Shapes of scene files are annotated where [classes] gives
+    without, by the bounds of their vertices within the image. With ``boxes = "echoes"`` they are
+    annotated by the pixels of their echoes, within a resolution cell of them.
+    Shapes of scene files are annotated where [classes] gives
     them a class that is no ground. ``iscrowd`` is 0: each annotation is one shape, also
     those whose masks are run lengths, which pycocotools reads either way and detectors drop where it is 1.
     """
@@ -107,6 +112,8 @@ class DetectionDocuments:
             }
             for part in PART_NAMES
         }
+        self.outside: list[float] = []
+        self.brightest_outside = 0
 
     def add(self, record: SampleRecord, first_row: int) -> None:
         """Add the tiles of a sample, whose first one is the stored image ``first_row``."""
@@ -123,7 +130,7 @@ class DetectionDocuments:
                     "license": 1,
                 }
             )
-            shown = next((record.layers[name] for name in SHAPES if name in record.layers), None)
+            shown = self._masks(record.layers)
             window = None if shown is None else shown[top : top + rows, left : left + columns]
             drawn = {one["name"] for one in record.objects}
             others = [
@@ -131,6 +138,7 @@ class DetectionDocuments:
                 for code, name, kind in record.label["named_shapes"]
                 if kind and kind not in GROUND_CLASSES and name not in drawn
             ]
+            boxes = []
             for one in (*record.objects, *others):
                 found = (
                     _outline_box(one["box"], (top, left), (rows, columns))
@@ -140,6 +148,7 @@ class DetectionDocuments:
                     else None
                 )
                 if found is not None:
+                    boxes.append(found["bbox"])
                     document["annotations"].append(
                         {
                             "id": len(document["annotations"]) + 1,
@@ -151,6 +160,28 @@ class DetectionDocuments:
                             **found,
                         }
                     )
+            self._count_outside(record.image[:, top : top + rows, left : left + columns], boxes)
+
+    def _masks(self, layers: Mapping[str, NDArray[np.generic]]) -> NDArray[np.generic] | None:
+        """Codes of shapes by pixel; None without such a layer."""
+        order = SHAPES[::-1] if self._recipe.boxes_of_echoes else SHAPES
+        name = next((name for name in order if name in layers), None)
+        if name is None:
+            return None
+        here = layers.get(f"{name}_here")
+        return layers[name] if here is None else np.where(here != 0, layers[name], 0)
+
+    def _count_outside(self, image: NDArray[np.generic], boxes: Sequence[Sequence[float]]) -> None:
+        """Note the share of the bright energy of a tile outside of all boxes; tiles without boxes do not count."""
+        power = np.square(np.abs(image), dtype=np.float64).sum(axis=0)
+        if not boxes or not power.any():
+            return
+        inside = np.zeros(power.shape, dtype=bool)
+        for x, y, width, height in boxes:
+            inside[int(y) : math.ceil(y + height), int(x) : math.ceil(x + width)] = True
+        bright = power >= BRIGHT * power.max()
+        self.outside.append(float(power[bright & ~inside].sum() / power[bright].sum()))
+        self.brightest_outside += not inside.flat[int(np.argmax(power))]
 
 
 def _outline_mask(mask: NDArray[np.bool_]) -> JsonTable | None:
@@ -182,7 +213,12 @@ def _outline_box(
 _BINS, _BAR, _SHOWN = 10, 30, 12
 
 
-def data_card(recipe: Recipe, labels: Sequence[JsonTable], mesh_parts: Mapping[str, str]) -> str:
+def data_card(
+    recipe: Recipe,
+    labels: Sequence[JsonTable],
+    mesh_parts: Mapping[str, str],
+    documents: DetectionDocuments,
+) -> str:
     """Markdown text of the data card.
 
     Parameters
@@ -190,6 +226,7 @@ def data_card(recipe: Recipe, labels: Sequence[JsonTable], mesh_parts: Mapping[s
     recipe : of the data set
     labels : facts of every sample, in order of their numbers
     mesh_parts : part of every mesh; empty where parts are by scene
+    documents : of all samples
     """
     title = recipe.text("dataset", "title") or recipe.path.stem
     parts = Counter(label["part"] for label in labels)
@@ -217,7 +254,7 @@ def data_card(recipe: Recipe, labels: Sequence[JsonTable], mesh_parts: Mapping[s
             lines.append(f"- {part}: {', '.join(names) or 'none'}")
         lines.append("")
     lines += _shapes(labels) + _describe_draws(recipe, labels) + _physics(labels) + _errors(recipe, labels)
-    lines += _failures(labels)
+    lines += _describe_boxes(recipe, documents) + _failures(labels)
     lines += ["## Recipe", "", "```toml", read_text(recipe.path).rstrip(), "```", ""]
     return "\n".join(lines)
 
@@ -316,6 +353,30 @@ def _errors(recipe: Recipe, labels: Sequence[JsonTable]) -> list[str]:
     return lines
 
 
+def _describe_boxes(recipe: Recipe, documents: DetectionDocuments) -> list[str]:
+    """How much of the bright energy lies outside of the boxes."""
+    lines = ["## Boxes", ""]
+    if recipe.boxes_of_echoes:
+        kinds = ", ".join(recipe.mechanisms) or "all mechanisms"
+        lines += [f"COCO's boxes and masks bound the echoes of shapes: {kinds}.", ""]
+    else:
+        lines += [
+            'COCO\'s boxes and masks bound surfaces; echoes of several bounces lie elsewhere. `boxes = "echoes"` in '
+            "[labels] bounds echoes.",
+            "",
+        ]
+    if not documents.outside:
+        return [*lines, "No image has a box.", ""]
+    n = len(documents.outside)
+    return [
+        *lines,
+        f"Outside of all boxes lie {100.0 * float(np.mean(documents.outside)):.1f} % of the bright energy (pixels to "
+        f"{-10.0 * math.log10(BRIGHT):.0f} dB below the brightest; mean of {n} images with boxes), and the brightest "
+        f"pixel of {documents.brightest_outside} of {n}.",
+        "",
+    ]
+
+
 def _failures(labels: Sequence[JsonTable]) -> list[str]:
     reasons = Counter(reason for label in labels for reason in label["failures"])
     if not reasons:
@@ -349,7 +410,7 @@ class SampleWorkers(Protocol):
 
 @dataclass(frozen=True)
 class GenerationPlan:
-    """What a run will take, known before it.
+    """Cost of a run, known before it.
 
     Parameters
     ----------
@@ -419,7 +480,7 @@ def generate(
     workers : of a cluster, in place of processes
     extensions : the user's modules, which every process loads
     force : replace the results of another recipe
-    ready : called before the first sample with what the run takes
+    ready : called before the first sample with the cost of the run
     progress : called after every sample
 
     Raises
@@ -627,6 +688,6 @@ def _write_files(drawer: Drawer, folder: Path, journal: Journal, mesh_parts: dic
         with atomic_path(folder / f"annotations_{part}.json") as temporary:
             temporary.write_text(json.dumps(document), encoding="utf-8")
     with atomic_path(folder / CARD) as temporary:
-        temporary.write_text(data_card(recipe, labels, mesh_parts), encoding="utf-8")
+        temporary.write_text(data_card(recipe, labels, mesh_parts, documents), encoding="utf-8")
     with atomic_path(folder / STORE) as temporary:
         write_store(temporary, recipe, drawer.classes, journal)

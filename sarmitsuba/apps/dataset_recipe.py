@@ -1,8 +1,6 @@
-"""Recipe of a data set: what is drawn, by which distributions, and what is written.
+"""Recipe of a data set: parameters of its sections, their distributions, and the files that are written.
 
-Parameters of every section of a recipe, with bounds and meaning.
-
-Distributions of a recipe's parameters: uniform, normal, choice, grid, or one value.
+A distribution is uniform, normal, a choice, a grid, or one value.
 """
 
 import hashlib
@@ -51,6 +49,15 @@ def _number(
     return Param(name, "float", default, doc, unit, low, high, positive, python=True)
 
 
+# layers that boxes of echoes are made of
+ECHO_BOXES = ("instance", "instance_here")
+
+
+def _words(text: str) -> tuple[str, ...]:
+    """Words between commas."""
+    return tuple(word.strip() for word in text.split(",") if word.strip())
+
+
 def _word(name: str, default: str, doc: str, choices: tuple[str, ...] = ()) -> Param:
     return Param(name, "string", default, doc, choices=choices, python=True)
 
@@ -96,6 +103,13 @@ LABELLING = _table(
     "labels",
     "Labels of every pixel, in docs/labels.md.",
     _word("layers", "", "names of layers, separated by commas"),
+    _word(
+        "boxes",
+        "shapes",
+        "what COCO's boxes and masks bound: surfaces, or their echoes",
+        ("shapes", "echoes"),
+    ),
+    _word("mechanisms", "", "of these echoes, separated by commas; none named = all"),
 )
 RESULTS = _table(
     "output",
@@ -569,8 +583,19 @@ class Recipe:
 
     @cached_property
     def layers(self) -> tuple[str, ...]:
-        """Names of the layers of labels."""
-        return tuple(name.strip() for name in self.text("labels", "layers").split(",") if name.strip())
+        """Names of the layers of labels, those that boxes of echoes need included."""
+        needed = ECHO_BOXES if self.boxes_of_echoes else ()
+        return tuple(dict.fromkeys((*_words(self.text("labels", "layers")), *needed)))
+
+    @property
+    def boxes_of_echoes(self) -> bool:
+        """Whether boxes and masks are those of echoes, not of surfaces."""
+        return self.text("labels", "boxes") == "echoes"
+
+    @property
+    def mechanisms(self) -> tuple[str, ...]:
+        """Mechanisms of the echoes of boxes; empty: all."""
+        return _words(self.text("labels", "mechanisms"))
 
     @property
     def from_file(self) -> bool:

@@ -1,6 +1,6 @@
-"""One sample of a data set: drawn, simulated, labelled; the same bits wherever and whenever it is made.
+"""One sample of a data set, simulated and labelled; the same bits wherever and whenever it is made.
 
-Labels of a sample: layers of its pixels with codes that all samples share, and boxes of its shapes.
+Labels are layers of the pixels, with codes that all samples share, and boxes of the shapes.
 """
 
 import re
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.analysis.echo_labels import NO_CLASS
 from sarmitsuba.analysis.label_classes import classes_of_shapes, shape_names
-from sarmitsuba.analysis.labels import checked_layers, labels
+from sarmitsuba.analysis.labels import checked_layers, checked_mechanisms, labels
 from sarmitsuba.apps.dataset_draw import Drawer, DrawnSample, PlacedShape, aspect_deg
 from sarmitsuba.apps.dataset_recipe import RecipeError
 from sarmitsuba.core.arrays import C64, F64
@@ -79,12 +79,13 @@ def sample_labels(
         return SampleLabels()
     try:
         checked_layers(names)
+        mechanisms = checked_mechanisms(drawer.recipe.mechanisms) or None
     except DataError as error:
         raise RecipeError(f"[labels]: {error}") from None
     present = shape_names(scene)
     classes = classes_of_shapes(present, drawer.recipe.class_table)
     classes |= {shape.name: shape.semantic_class for shape in shapes if shape.name in present}
-    found = labels(scene, grid, classes=classes, layers=names)
+    found = labels(scene, grid, classes=classes, layers=names, mechanisms=mechanisms)
     shared = {"class": (*drawer.classes, NO_CLASS), "material": drawer.materials}
     layers = {
         name: _recode_layer(found.layers[name], shared[name]) if name in shared else found.layers[name]
@@ -195,7 +196,7 @@ class Sample:
     named_shapes : code, name and class of the shapes in layers whose codes are shapes
     objects : shapes
     facts : drawn values by ``section.parameter``, and of the image
-    notes : what the program assumed or warned of
+    notes : assumptions and warnings of the program
     physics : effects and their state
     sampling_error_db : of the image, by channel; empty where not measured
     omitted_db : energy of waves that metal sends and the program does not follow, over the image's energy, by channel
@@ -228,7 +229,7 @@ def make_sample(drawer: Drawer, number: int) -> Sample:
     Raises
     ------
     DataError
-        All attempts failed, or the recipe asks for what there is not.
+        All attempts failed, or the recipe asks for something that does not exist.
     BackendError, OutputError, ExtensionError
         Not caused by the draw.
 

@@ -1,6 +1,6 @@
-"""The HDF5 file of a data set: images, labels, drawn values, shapes.
+"""HDF5 file of a data set (images, labels, drawn values, shapes), and the records from which it is made.
 
-Finished samples as records of a journal: facts as JSON, arrays as bytes behind each other.
+A finished sample is a record of a journal: facts as JSON, arrays as bytes behind each other.
 """
 
 import math
@@ -103,7 +103,7 @@ def _plain(shape: SampleObject) -> JsonTable:
 
 @dataclass(eq=False)
 class SampleForm:
-    """What the records of one data set are like; as `accept` of its journal.
+    """Form of the records of one data set; as `accept` of its journal.
 
     Parameters
     ----------

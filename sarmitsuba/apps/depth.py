@@ -1,4 +1,4 @@
-"""Bounce depth: what each bounce adds to an image of a scene, and what it costs."""
+"""Bounce depth: contribution of each bounce to an image of a scene, and its cost."""
 
 import warnings
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ class DepthRow:
     error_db : energy of the image's difference from the deepest one, over that of the deepest one; -inf: none
     energy_db : energy of the image of this bounce alone, over that of the deepest image; -inf: none
     changed : share of the pixels whose level this bounce changes by more than ``CHANGED_DB``; 1 for the first
-    seconds : processor seconds of a run of its own that ends at this bounce, without compiling; NaN: not run
+    seconds : processor seconds of a separate run that ends at this bounce, without compiling; NaN: not run
     """
 
     bounces: int
@@ -77,7 +77,7 @@ def study_depth(
     timed: bool = True,
     progress: Progress | None = None,
 ) -> DepthStudy:
-    """Measure what each bounce adds to the image of a scene, and what it costs.
+    """Measure the contribution of each bounce to the image of a scene, and its cost.
 
     Errors and energies are of one run that keeps its bounces apart, so that all depths share rays and scatterers and no
     ray sampling stands between them. Seconds are of a run for each depth, simulated and focused.

@@ -1,13 +1,8 @@
 """Web page of the studio: sliders beside a 3-D view of the scene, with viser.
 
-Sliders only signal a change. The thread in :meth:`Studio.serve` simulates, always the newest state, so that a dragged
-slider never waits for outdated states.
-
-Access control of the studio's page: this machine, its own page, and the secret address only.
-
-Controls of the studio for the derivative of the image by one parameter of the scene: what changes if a wall moves.
-
-Controls only signal; the thread of :meth:`sarmitsuba.apps.studio.Studio.serve` differentiates and draws.
+Controls only signal a change. The thread in :meth:`Studio.serve` simulates and differentiates, always the newest
+state, so that a dragged slider never waits for outdated states. The derivative of the image by one parameter shows the
+change as, for example, a wall moves. Access is limited to this machine, this page and the secret address.
 """
 
 import dataclasses
@@ -199,7 +194,7 @@ class DerivativeTab:
         wake()
 
     def update(self, view: View) -> None:
-        """Compute and show what the controls ask for, of the last simulated view."""
+        """Compute and show the requested derivative of the last simulated view."""
         if self._offered is not view:
             self._offered, words = view, (NOTHING, *list_parameters(view.scene))
             if words != tuple(self.parameter.options):
@@ -269,7 +264,7 @@ class DerivativeTab:
 
 
 def _use_raw_method(scene: Scene) -> Scene:
-    """The scene with the method ``hybrid``, unless its own makes raw data."""
+    """The scene with the method ``hybrid``, unless its method makes raw data."""
     settings = scene.settings
     return (
         scene

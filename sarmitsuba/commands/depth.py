@@ -1,4 +1,4 @@
-"""Show what each bounce adds to the image of a scene, and what it costs: a table, a chart, and pictures by depth."""
+"""Show the contribution of each bounce to the image of a scene, and its cost: table, chart, pictures by depth."""
 
 import argparse
 import json
@@ -12,6 +12,7 @@ from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
 if TYPE_CHECKING:
     from sarmitsuba.apps.depth import DepthStudy
     from sarmitsuba.machine.output import OutputFolder
+    from sarmitsuba.scene.scene import Scene
     from sarmitsuba.view.figure import Figure
 
 NAME = "depth"
@@ -27,6 +28,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene_arguments(parser)
     parser.add_argument(
         "--deepest", type=int, default=6, metavar="N", help="bounces of the reference image (default: 6)"
+    )
+    parser.add_argument(
+        "--only",
+        metavar="NAME",
+        help="instead: the radar cross section of one object, such as a building, by mechanism and bounces; a pattern "
+        'such as "house*" takes several together',
     )
     parser.add_argument("--channel", metavar="NAME", help="polarisation, such as VV (default: the first)")
     parser.add_argument(
@@ -51,6 +58,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
         if folder is not None:
             folder.check_names((RECORD, CHART, PICTURES, ORDERS))
         scene = scene_of(args)
+        if args.only is not None:
+            return _print_object(scene, args, folder, console)
         console.expect({"depth": 1.0}, at_most=True)
         study = study_depth(
             scene,
@@ -64,6 +73,31 @@ def run(args: argparse.Namespace, console: Console) -> int:
         console.say(json.dumps(rows, indent=2) if args.json else format_table(study))
         if folder is not None:
             _save(folder, study, rows, console)
+    return 0
+
+
+def _print_object(
+    scene: "Scene", args: argparse.Namespace, folder: "OutputFolder | None", console: Console
+) -> int:
+    """Print the backscatter of one object by mechanism."""
+    from math import log10
+
+    from sarmitsuba.analysis.echo_labels import object_echoes
+    from sarmitsuba.machine import output as parameter_file
+
+    echoes = object_echoes(scene, args.only, args.channel)
+    channel = args.channel or scene.radar.channels[0]
+    rows = [{"mechanism": e.mechanism, "bounces": e.bounces, "rcs_m2": e.rcs} for e in echoes]
+    if folder is not None:
+        with folder.writing(RECORD) as path:
+            record = {"scene": scene.name, "object": args.only, "channel": channel, "rows": rows}
+            parameter_file.write(path, record)
+    lines = [f"{scene.name}, {args.only}, {channel}: radar cross section by mechanism, of one look"]
+    lines.append(f"{'bounces':>7}  {'mechanism':<21} {'dBsm':>6}")
+    lines += [f"{e.bounces or '-':>7}  {e.mechanism:<21} {10.0 * log10(e.rcs):6.1f}" for e in echoes]
+    if not echoes:
+        lines.append("no echo of it in the image")
+    console.say(json.dumps(rows, indent=2) if args.json else "\n".join(lines))
     return 0
 
 

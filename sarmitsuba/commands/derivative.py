@@ -1,4 +1,4 @@
-"""Differentiate the image of a scene by one parameter, and draw what changes with it."""
+"""Differentiate the image of a scene by one parameter, and draw the change."""
 
 import argparse
 import math

@@ -23,10 +23,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-error-bars", action="store_true", help="as for render: one set of rays instead of two"
     )
-    parser.add_argument(
+    depth = parser.add_mutually_exclusive_group()
+    depth.add_argument(
         "--plan-only", action="store_true", help="show the plan without predicting time and memory"
     )
-    parser.add_argument(
+    depth.add_argument(
+        "--measure",
+        action="store_true",
+        help="measure change and cost of every effect, and time on a part of the run; may take longer than the run",
+    )
+    depth.add_argument(
         "--quick",
         action="store_true",
         help="show the scene, its radar and image, and what was noted while loading; nothing is planned or traced",
@@ -59,11 +65,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
     if args.no_error_bars:
         settings = dataclasses.replace(settings, keep_subsets=False)
     scene = dataclasses.replace(scene, settings=settings)
-    if not args.plan_only:
-        console.busy(
-            "measuring every effect with and without it, and a part of the run; --plan-only leaves that out"
-        )
-    found = explain(scene, predicted=not args.plan_only)
+    if args.measure:
+        console.busy("measuring every effect with and without it, and a part of the run")
+    found = explain(scene, predicted=not args.plan_only, measured=args.measure)
     facts, text = found.as_dict(), str(found)
     if args.workers and found.prediction is not None:
         from sarmitsuba.apps.cluster import ClusterPlan
@@ -76,8 +80,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 def _quick(args: argparse.Namespace, console: Console) -> int:
     """Print the summary of the scene; the simulation is not even imported."""
-    if args.workers is not None or args.plan_only:
-        raise ClusterError("explain: --quick plans and predicts nothing; leave --workers and --plan-only out")
+    if args.workers is not None:
+        raise ClusterError("explain: --quick plans and predicts nothing; leave --workers out")
     from sarmitsuba.scene.summary import SceneSummary
 
     scene = scene_of(args)

@@ -149,7 +149,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments that say how to focus, and what to write of the image."""
+    """Add the arguments for focusing and for the files of the image."""
     parser.add_argument(
         "--no-chart", action="store_true", help="do not draw accuracy.png: error by cause and time by stage"
     )

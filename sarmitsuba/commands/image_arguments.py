@@ -67,7 +67,7 @@ def class_argument(args: argparse.Namespace, scene: "Scene") -> dict[str, str] |
 
 
 def add_scene_picture_arguments(parser: argparse.ArgumentParser, *, loads: bool = True) -> None:
-    """Add what a picture shows of the scene; ``loads``: the command loads the scene for this alone."""
+    """Add arguments for the scene in a picture; ``loads``: the command loads the scene for this alone."""
     parser.add_argument(
         "--outlines",
         action="store_true",
@@ -86,13 +86,13 @@ def add_scene_picture_arguments(parser: argparse.ArgumentParser, *, loads: bool 
 
 @dataclass(frozen=True, eq=False)
 class PictureStyle:
-    """Axes of the pictures of images, and what they show of the scene.
+    """Axes of the pictures of images, and parts of the scene that they show.
 
     Parameters
     ----------
     axes : frame of the axes, see :class:`sarmitsuba.signal.image.ShownAxes`; None: of the scene on ground
         grids
-    scene : of the image; needed only for what follows
+    scene : of the image; needed only for the following
     outlined, with_plan : draw outlines of bodies, and the scene from above beside the image
     labelled : also write labels of the image's pixels
     classes : of shapes, by name or pattern; None: there are none
@@ -156,7 +156,7 @@ def image_file(given: Path) -> Path:
 
 
 def files_of_run(folder: Path) -> tuple[Path | None, Path | None]:
-    """The image and the raw data that ``render`` wrote into a folder; None for what is not there."""
+    """The image and the raw data that ``render`` wrote into a folder; None for a missing one."""
     from sarmitsuba.files import FORMATS
 
     raw = [f"raw{suffix}" for entry in FORMATS if entry.read_raw for suffix in entry.suffixes]

@@ -15,6 +15,7 @@ from sarmitsuba.commands.image_arguments import (
 
 if TYPE_CHECKING:
     from sarmitsuba.scene.scene import Scene
+    from sarmitsuba.signal.image import SarImage
 
 NAME = "picture"
 HELP = "draw the picture of an image again, with other limits, colours, quantity, channel or looks"
@@ -74,6 +75,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--order", type=int, metavar="N", help="one bounce number only, where the image keeps them apart"
     )
+    parser.add_argument(
+        "--only",
+        metavar="NAME",
+        help='the pixels of one object alone, such as a building, or of several by a pattern such as "house*"; needs '
+        "labels.h5 (render --labels) beside the image",
+    )
     add_axes_argument(parser)
     add_scene_picture_arguments(parser)
     parser.add_argument("--title", help="first line above the picture (default: the scene's name)")
@@ -86,6 +93,55 @@ def scene_of(folder: Path, *, allow_outside: bool) -> "Scene":
 
     ensure_backend()
     return scene_of_run(folder, allow_outside=allow_outside)
+
+
+# pixels about an object, over the size of its box
+_MARGIN = 0.25
+
+
+def pick_object(image: "SarImage", folder: Path, name: str) -> "SarImage":
+    """The part of an image about an object, zero where echoes of others dominate.
+
+    Parameters
+    ----------
+    image : whole
+    folder : with its ``labels.h5``
+    name : of instances, or a pattern
+
+    Raises
+    ------
+    DataError
+        The folder has no labels of this image, or the object has no pixel in it.
+    """
+    from dataclasses import replace
+    from fnmatch import fnmatchcase
+
+    import numpy as np
+
+    from sarmitsuba.commands.label_files import LABELS
+    from sarmitsuba.core.errors import DataError
+    from sarmitsuba.core.parameters import did_you_mean, one_line
+    from sarmitsuba.signal.pixel_labels import Labels
+
+    labels = Labels.load(folder / LABELS)
+    instance = labels["instance"]
+    if instance.shape != image.grid.shape:
+        raise DataError(f"{folder / LABELS}: is of another image; render again with --labels --force")
+    known = [one.name for one in labels.instances]
+    picked = [one for one in labels.instances if one.name == name or fnmatchcase(one.name, name)]
+    if not picked:
+        raise DataError(f'{folder / LABELS}: no object "{one_line(name)}"{did_you_mean(name, known)}')
+    own = np.isin(instance, [one.number for one in picked]) & (labels["instance_here"] == 1)
+    rows, columns = (np.flatnonzero(own.any(axis=axis)) for axis in (1, 0))
+    if not rows.size:
+        raise DataError(f'{folder / LABELS}: no pixel of the image is dominated by "{one_line(name)}"')
+    cut = []
+    for found, n in zip((rows, columns), own.shape, strict=True):
+        margin = 4 + int(_MARGIN * (found[-1] - found[0]))
+        cut.append(slice(max(0, int(found[0]) - margin), min(n, int(found[-1]) + margin + 1)))
+    grid = replace(image.grid, azimuth=image.grid.azimuth[cut[0]], range=image.grid.range[cut[1]])
+    data = np.where(own, image.data, 0)[:, cut[0], cut[1]]
+    return replace(image, data=data, grid=grid, incidence_angle=image.incidence_angle[cut[1]])
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
@@ -101,6 +157,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
     source = image_file(Path(args.image))
     file = OutputFile(args.output, force=args.force) if args.output else None
     image = read_image(source)
+    if args.only is not None:
+        image = pick_object(image, source.parent, args.only)
     options = PictureOptions(
         channel=args.channel,
         quantity=args.quantity,

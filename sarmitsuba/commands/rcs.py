@@ -105,10 +105,11 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.commands import results
     from sarmitsuba.commands.view import PAGE
     from sarmitsuba.loading.assemble import NO_CLUTTER
+    from sarmitsuba.loading.collect import NO_GROUND
     from sarmitsuba.machine.output import output_folder
     from sarmitsuba.radar.polarisation import read_channels
     from sarmitsuba.signal.focusing.windows import parse_window
-    from sarmitsuba.simulation.execution.turntable import image_refusal, rcs_sweep
+    from sarmitsuba.simulation.execution.turntable import image_refusal, rcs_sweep, undersampling
 
     aspects = _aspects(args)
     channels = read_channels(args.pol, "rcs")
@@ -131,12 +132,14 @@ def run(args: argparse.Namespace, console: Console) -> int:
         run_hash = _run_hash(scene, args, aspects)
         folder.check(run_hash, names, force=args.force)
         for note in scene.notes:
-            if NO_CLUTTER not in note:  # a cross section has no clutter to miss
+            if NO_CLUTTER not in note and NO_GROUND not in note:  # a cross section misses neither
                 console.note(note)
         with watch.stage("rcs"):
             sweep = rcs_sweep(scene, aspects, channels=channels, progress=console.progress)
         for note in sweep.notes:
             console.note(note)
+        for text in undersampling(scene, aspects):
+            console.warn(text)
         folder.clear(run_hash)
         record = _record(args, scene, sweep, folder) | {"versions": results.versions(), "backend": backend}
         _write(folder, scene, sweep, console)

@@ -121,7 +121,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         with open_workers(args, console, settings) as workers:
             if workers is not None:
                 record["cluster"] = workers.name
-            if settings.one_look:
+            if settings.one_look or _several_bursts(scene):
                 done = _image_only(folder, scene, args, console, watch, record, run_hash)
             else:
                 done = _raw_and_image(folder, scene, args, console, watch, record, run_hash, workers)
@@ -176,7 +176,13 @@ def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Nam
 
     settings = scene.settings
     settings.check(scene.name, raw=args.no_focus or args.raw != "compressed")
-    with_raw = not settings.one_look
+    bursts = _several_bursts(scene)
+    with_raw = not settings.one_look and not bursts
+    if bursts and (args.no_focus or args.raw != "compressed" or args.focuser == "all" or args.cluster):
+        raise DataError(
+            f"{scene.name}: --no-focus, --raw, --focuser all and --cluster are of the raw data of one burst, and "
+            f"bursts {bursts[0]} to {bursts[-1]} light the image; choose one, such as -D sar_antenna.burst={bursts[0]}"
+        )
     if args.page and args.no_focus:
         raise DataError("--page shows the image, and --no-focus makes none; leave one of them out")
     if args.no_focus and (args.axes or args.outlines or args.with_view or args.labels or args.classes):
@@ -211,6 +217,13 @@ def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Nam
         )
     )
     return run_hash
+
+
+def _several_bursts(scene: "Scene") -> tuple[int, ...]:
+    """Numbers of the bursts that light the image where they are not the one of the scene's radar."""
+    from sarmitsuba.radar.bursts import bursts_in_sight
+
+    return bursts_in_sight(scene.description, scene.radar, scene.image)
 
 
 def _raw_and_image(
@@ -356,15 +369,25 @@ def _image_only(
     record: dict[str, object],
     run_hash: str,
 ) -> Path:
-    """Simulate the image without raw data and write it. Return the picture's path."""
+    """Simulate the image without raw data, or that of several bursts, and write it. Return the picture's path."""
     from sarmitsuba.commands import results
     from sarmitsuba.simulation.execution.render import render
 
+    focusing = (
+        {}
+        if scene.settings.one_look
+        else {
+            "focuser": args.focuser,
+            "motion_compensation": args.motion_compensation,
+            "autofocus": args.autofocus,
+        }
+    )
     with watch.stage("simulate"):
         image = render(
             scene,
             range_window=args.window,
             azimuth_window=args.window,
+            **focusing,
             progress=console.progress,
             ready=_announcing(console, args, watch),
         )

@@ -15,7 +15,7 @@ _SAME_TRACK = 1e-3
 
 
 def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the scene itself, a radar in place of its own, and values for its parameters."""
+    """Add the scene itself, another radar, and values for its parameters."""
     parser.add_argument(
         "scene",
         metavar="SCENE",

@@ -1,4 +1,4 @@
-"""List the shipped scenes and radars, or copy a scene with all its files to start one of your own."""
+"""List the shipped scenes and radars, or copy a scene with all its files to start another."""
 
 import argparse
 import os

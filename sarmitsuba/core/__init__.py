@@ -1,1 +1,1 @@
-"""Constants, units, errors, parameters, registries, progress and timing: what every room may use."""
+"""Constants, units, errors, parameters, registries, progress and timing, for every room."""

@@ -1,14 +1,7 @@
-"""Types of arrays and what every room does with them: boxes, checks for NaN, linear maps.
+"""Arrays: types named for their elements, boxes along the axes, checks for NaN and infinity, and linear maps.
 
-Types of NumPy arrays, named for their elements; shapes and units are stated where they are used.
-
-Boxes along the axes.
-
-Checks for NaN and infinity, which are never returned silently.
-
-Linear maps between complex arrays, each with its adjoint.
-
-Types of arrays for formulas shared by NumPy and Dr.Jit kernels.
+Shapes and units are stated where arrays are used. A linear map has its adjoint. Formulas shared by NumPy and Dr.Jit
+kernels have types of arrays that serve both.
 """
 
 from abc import ABC, abstractmethod

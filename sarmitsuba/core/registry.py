@@ -68,7 +68,7 @@ class _ForeignCode:
             raise ExtensionError(line) from error
 
     def _line(self, error: BaseException, trace: TracebackType | None) -> str | None:
-        """What is said of an error; None: it passes as it is."""
+        """Message for an error; None: it passes as it is."""
         raise NotImplementedError
 
 
@@ -107,7 +107,7 @@ def _describe_error(error: BaseException, trace: TracebackType | None, file: str
 
 
 def checked_type(found: Value, *kinds: type) -> Value:
-    """What an entry's method returned, if it is of one of these types.
+    """Result of an entry's method, if it is of one of these types.
 
     Raises
     ------

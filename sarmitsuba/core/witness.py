@@ -11,6 +11,8 @@ from sarmitsuba.core.units import db_from_power
 
 # dB above what a law foretold from which a run says so
 CONTRADICTION_DB = 3.0
+# dB, error that changes no figure in use, whatever a law foretold
+NEGLIGIBLE_DB = -60.0
 # dB, error of a result above which it is of no use
 USELESS_DB = -10.0
 # probability that the error of the whole lies below the upper level
@@ -72,8 +74,9 @@ class Witness:
 
     @property
     def contradicts(self) -> bool:
-        """Whether the error lies more than ``CONTRADICTION_DB`` above what the law foretold."""
-        return self.error_db > self.law_db + CONTRADICTION_DB
+        """Whether the error lies more than ``CONTRADICTION_DB`` above the law's prediction, and is not negligible."""
+        # without a law the maximum is NaN, and the comparison false
+        return self.error_db > max(self.law_db + CONTRADICTION_DB, NEGLIGIBLE_DB)
 
     @property
     def useless(self) -> bool:

@@ -1,6 +1,6 @@
-"""Upper bounds of the fringe returns of sharp metal edges over an aperture, from the geometry alone.
+"""Upper bounds of coherent returns from the geometry alone: fringes of sharp metal edges, and rough faces.
 
-Upper bounds of the coherent return of rough faces in one resolution cell, from the geometry alone.
+Fringes are bounded over an aperture, faces in one resolution cell.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ _TOGETHER = 1 << 12
 
 @dataclass(frozen=True, eq=False)
 class Aperture:
-    """Examined antenna positions in turn, and what a resolution cell holds.
+    """Examined antenna positions in turn, and the size of a resolution cell.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def edge_bounds(
     *,
     examined: int | None = None,
 ) -> EdgeBounds:
-    r"""Upper bounds of what each edge adds to a resolution cell and to the image.
+    r"""Upper bounds of the contribution of each edge to a resolution cell and to the image.
 
     .. math:: \sigma \le \tfrac1\pi |S|^2 \min\left(l, l_\mathrm{cell}, \frac1{k |g|}\right)^2, \quad
         E \le \tfrac1\pi \left\langle |S|^2 \min\left(l^2, \frac1{(k g)^2}, \frac{\pi l}{k |\Delta g|}\right)
@@ -129,7 +129,7 @@ def edge_bounds(
 def _examine(
     edges: SharpEdges, aperture: Aperture, mirrors: tuple[bool, bool], part: F64, size: F64, most: int
 ) -> None:
-    """Replace the largest fringe amplitudes (positions, n) of the edges with the largest bounds by their own."""
+    """Replace the largest fringe amplitudes (positions, n) of the edges with the largest bounds by computed ones."""
     rank = (size * part).max(axis=0, initial=0.0)
     rows = np.arange(edges.n) if most >= edges.n else np.argpartition(-rank, most)[:most]
     if not rows.size:
@@ -154,8 +154,8 @@ def _examine(
 def _plate(edges: SharpEdges, wavenumber: float) -> F64:
     r"""Largest amplitude (n,) that the thickness of plates adds to their rims, unit of ``fringe_bound``.
 
-    By the displacement of :class:`sarmitsuba.tracing.scatterers.edges.plate_rims.PlateRim`, with :math:`b \ln(1 / b) <
-    0.4` for every sine b, and physical optics on the narrow face.
+    By the displacement of :class:`sarmitsuba.tracing.scatterers.edges.edge_currents.PlateRim`, with :math:`b \ln(1 / b)
+    < 0.4` for every sine b, and physical optics on the narrow face.
     """
     t = wavenumber * edges.thickness
     thick = np.where(t > 0.0, t, 1.0)

@@ -1,8 +1,6 @@
-"""Context in which effects are decided: properties of scene and radar, and results of a pilot trace.
+"""Context in which effects are decided: scene and radar, a pilot trace, and slabs that waves pass to objects behind."""
 
-Search for slabs that transmit waves to objects behind them.
-"""
-
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -109,32 +107,6 @@ class SamplingFacts:
         """Area of a resolution cell on level ground, projected across the line of sight, m^2."""
         sine = min(1.0, self.azimuth_cell * self.range_cell / self.cell**2)
         return float(self.cell**2 * np.sqrt(1.0 - sine**2))
-
-
-@dataclass(frozen=True)
-class PairLevel:
-    """Power of pairs of diffuse scatterers: unbiased estimate from a random sample of pairs.
-
-    Parameters
-    ----------
-    share : their power relative to that of single diffuse scattering
-    error : standard error of ``share``
-    strongest : power in the strongest square of the ground, relative to mean clutter of the same area
-    square : m, side of the squares
-    pairs : number of drawn pairs with an echo
-    realisation_error : energy of the image's error by the random choice of the run's pairs, relative to the clutter
-    cell : m, of the points from which the run's pairs are drawn
-    cross : their cross-polar power relative to single diffuse scattering; 0 where the radar records none
-    """
-
-    share: float
-    error: float
-    strongest: float
-    square: float
-    pairs: int
-    realisation_error: float
-    cell: float
-    cross: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,7 +279,7 @@ class SceneContext:
     sampling : of the full run, None before it is known
     pilot : result of the pilot trace, None without one
     known_shape : analysis of the geometry, None to compute it
-    pairs : power of pairs of diffuse scatterers; None if not estimated
+    measured : measurements of kinds of sources, by name
     draft : the decisions only prepare a pilot trace: effects that do not change it may stay on without assessment
     """
 
@@ -315,7 +287,7 @@ class SceneContext:
     sampling: SamplingFacts | None = None
     pilot: PilotResult | None = None
     known_shape: ShapeAnalysis | None = None
-    pairs: PairLevel | None = None
+    measured: Mapping[str, object] = field(default_factory=dict)
     draft: bool = False
 
     @property

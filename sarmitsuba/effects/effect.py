@@ -1,4 +1,4 @@
-"""Interface of effects; each effect is defined in one file in ``effects/catalog``."""
+"""Interface of effects; each is one file of ``effects/catalog``, or ``kind.py`` of a kind of scatterers."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -90,6 +90,7 @@ class Effect(ABC):
     frequencies : at which the band is traced at least where it is on, 1 for an effect without frequency dependence
     at_key_pulses : whether its influence on the image follows from the echoes of single pulses; false for effects on
         focusing, channels or the receiver
+    hidden : its echoes that faces may hide from the antenna even where rays have one bounce; empty: none
     kernel_flags : flags of the trace kernel that it sets, each with a description. Fields of `KernelFlags` are set,
         others go into `KernelFlags.extra` when they are true
     """
@@ -102,6 +103,7 @@ class Effect(ABC):
     rank: ClassVar[int]
     frequencies: ClassVar[int] = 1
     at_key_pulses: ClassVar[bool] = True
+    hidden: ClassVar[str] = ""
     kernel_flags: ClassVar[Mapping[str, str]] = _NO_FLAGS
 
     @abstractmethod

@@ -20,7 +20,7 @@ class KernelFlags:
     channels : to record, such as ``HV`` (transmit H, receive V), see :mod:`sarmitsuba.radar.polarisation`
     double_phase : lengths and phases in float64; off demonstrates the error of float32
     taper : taper of the rays at the edge of the launch window
-    extra : flags of extensions that are on, for the user's own stages; not used by the built-in kernel
+    extra : flags that are on without a field here, of kinds of scatterers and extensions; see :meth:`on`
     """
 
     channels: tuple[str, ...] = ("VV",)
@@ -40,14 +40,16 @@ class KernelFlags:
     taper: bool = True
     multi_bounce: bool = True
     motion: bool = False
-    edge_diffraction: bool = False
     texture: bool = False
     temporal: bool = False
     water_motion: bool = False
-    diffuse_pairs: bool = False
     slabs: bool = False
     transmission: bool = False
     extra: frozenset[str] = frozenset()
+
+    def on(self, name: str) -> bool:
+        """Whether a flag is on, with a field here or without."""
+        return name in self.extra or bool(getattr(self, name, False))
 
     @property
     def tracked(self) -> tuple[str, ...]:

@@ -1,6 +1,6 @@
 """Two metal faces that meet at a fold, in two dimensions: backscatter by moments, and by the rays of the simulator.
 
-The difference of both, over the length of the fold, is what rays leave out of it: the edge of the beam that one face
+The difference of both, over the length of the fold, is the part that rays leave out: the edge of the beam that one face
 reflects onto the other, the wave off the fold itself, and waves from rim to rim.
 """
 
@@ -543,7 +543,7 @@ def _evaluate_sheet_factor(cosine: F64, width: float) -> C128:
 def waves_left_out(
     angle: float, width: F64, wavelength: float, azimuth: F64, *, edges: bool = True, sheets: bool = True
 ) -> C128:
-    """What moments of a section have beyond rays, (2, m) for the field along and across the fold, square root of m."""
+    """Difference of moments of a section and rays, (2, m) for the field along and across the fold, square root of m."""
     exact = section_by_moments(angle, width, wavelength, azimuth)
     rays = section_by_rays(angle, width, wavelength, azimuth, edges=edges, sheets=sheets)
     return np.asarray(exact - rays)
@@ -635,7 +635,7 @@ class MeasuredFold:
 
     Parameters
     ----------
-    error : float64, square root of m, of rays with what is tabulated
+    error : float64, square root of m, of rays with the tabulated waves
     exact : complex128, square root of m
     scale : of the faces' widths that were solved over their own
     tabulated : whether rays have the waves of the table, and the error is that of its mesh
@@ -704,7 +704,7 @@ def fold_error(
     .. math:: \sigma_{pq} = \frac{2}{\lambda} |(\hat p \cdot \hat s)(\hat q \cdot \hat s) D_s
         + (\hat p \cdot \hat h)(\hat q \cdot \hat h) D_h|^2 \min\left(l, \frac1{k |\hat d \cdot \hat t|}\right)^2
 
-    with the waves :math:`D_s, D_h` of the fold's own section, along :math:`\hat s` and across. Where these are
+    with the waves :math:`D_s, D_h` of the fold's section, along :math:`\hat s` and across. Where these are
     tabulated and simulated, the mesh's error is left. Only the strongest folds are solved; others have the waves of
     the one whose angle is nearest. Sections of wide faces are scaled down, and the mean over some degrees is taken.
     Right angles count by :func:`~.theory_error.repeated_share`, whose law the witness then has.

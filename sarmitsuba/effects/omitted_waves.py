@@ -8,10 +8,12 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.core.arrays import F64, I64, unit_rows
+from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.scene.mesh.pieces import SMOOTH_BEND, piece_of
 from sarmitsuba.scene.mesh.sharp_edges import ONE_EDGE, WIDEST_GAP, SharpEdges, sharp_edges
 from sarmitsuba.scene.mesh.smooth_surface import facet_curvature
 from sarmitsuba.scene.mesh.topology import edge_pairs, label_connected, weld
+from sarmitsuba.scene.scene import Scene
 
 # lines that are evaluated at most: of more, curved ones are thinned out
 MOST_LINES = 3000
@@ -25,6 +27,8 @@ _PIECE, _OUTERMOST = 1000, 64
 AS_EDGE = 1.26
 # rad, bend up to which two triangles are one plane
 PLANE = 1e-4
+# the effect of the waves of sharp metal edges, and its flag
+EDGES = "edge_diffraction"
 # causes
 EDGES_OFF, BETWEEN, ONE_RIM = "edges left out", "between edges", "two edges as one"
 BENT = "bent sheets"
@@ -90,6 +94,13 @@ class SimulatedWaves:
     one_rim: bool = False
     folds: bool = False
 
+    @staticmethod
+    def of(scene: Scene, flags: KernelFlags) -> "SimulatedWaves":
+        """Those of a run with these flags: all by the effect of edges, those of folds with one antenna."""
+        edges = flags.on(EDGES)
+        folds = edges and flags.coherent and flags.multi_bounce and scene.radar.receiver is None
+        return SimulatedWaves(edges=edges, between_rims=edges, one_rim=edges, folds=folds)
+
 
 LAWS = WaveLaws()
 
@@ -151,8 +162,8 @@ def metal_lines(corners: F64, reflection: F64, wavelength: float) -> MetalLines:
 
     Notes
     -----
-    Ignores what hides a line, and which faces touch others that do not share their edges. Every triangle counts with
-    its own smooth piece of surface; a piece of several materials reflects as its mean.
+    Ignores bodies that hide a line, and which faces touch others that do not share their edges. Every triangle counts
+    with its own smooth piece of surface; a piece of several materials reflects as its mean.
     """
     corners = np.asarray(corners, dtype=np.float64)
     vertex = weld(corners.reshape(-1, 3))

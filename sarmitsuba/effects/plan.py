@@ -12,7 +12,7 @@ from sarmitsuba.core.parameters import did_you_mean, fill_description
 from sarmitsuba.core.registry import Calling, checked_type
 from sarmitsuba.effects.catalog.max_depth import DEEPEST, DEFAULT_DEPTH
 from sarmitsuba.effects.catalog.wideband import LEAST_SUB_BANDS
-from sarmitsuba.effects.context import PairLevel, PilotResult, SamplingFacts, SceneContext
+from sarmitsuba.effects.context import PilotResult, SamplingFacts, SceneContext
 from sarmitsuba.effects.effect import Assessment, Decision, Effect, effects, switchable_effects
 from sarmitsuba.effects.flags import FlagValue, KernelFlags
 from sarmitsuba.effects.shape import ShapeAnalysis
@@ -192,7 +192,7 @@ def plan_effects(
     pilot: PilotResult | None = None,
     *,
     shape: ShapeAnalysis | None = None,
-    pairs: PairLevel | None = None,
+    measured: Mapping[str, object] | None = None,
     warn: bool = True,
     up_to: int | None = None,
     draft: bool = False,
@@ -205,12 +205,12 @@ def plan_effects(
     sampling : of the run; without it, effects that depend on it stay on
     pilot : result of a pilot trace; without it, static context and safe defaults decide
     shape : analysis of the scene's geometry, None to compute it
-    pairs : power of pairs of diffuse scatterers; without it they are on where there may be any
+    measured : measurements of kinds of sources, by name
     warn : issue a ``SarmitsubaWarning`` for explicit settings that cost more than the tolerance
     up_to : last rank to decide, None for all; effects not decided stay on
     draft : see :class:`SceneContext`
     """
-    context = SceneContext(scene, sampling, pilot, shape, pairs, draft)
+    context = SceneContext(scene, sampling, pilot, shape, measured or {}, draft)
     wanted = scene.settings.effects
     _check_switches(scene)
     decided: dict[str, Decision] = {}

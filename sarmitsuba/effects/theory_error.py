@@ -44,6 +44,8 @@ from sarmitsuba.scene.visible_faces import VisibleFaces
 STRONG_DB = 20.0
 # most flat facets that are examined, triangles before those of a plane are joined, and directions
 MOST_FACES, MOST_TRIANGLES, MOST_DIRECTIONS = 60_000, 1_000_000, 360
+# most metal faces that an image's account examines, and between which folds are followed
+MOST_IMAGE_FACES = 20_000
 # wavelengths: largest extent of a body in the Rayleigh region, and second largest of one that resonates as a wire does
 LEAST_SIZE, LEAST_WIDTH = 0.5, 0.2
 # a cause is named where its part of the mean square error is above this
@@ -164,7 +166,7 @@ def theory_error(
     wavelength: float,
     waves: SimulatedWaves,
 ) -> TheoryError:
-    """Expected error of a simulated pattern by what physical optics and edge waves leave out.
+    """Expected error of a simulated pattern by waves beyond physical optics and edge waves.
 
     Parameters
     ----------
@@ -177,9 +179,9 @@ def theory_error(
 
     Notes
     -----
-    Missing waves count by the laws of :mod:`sarmitsuba.effects.omitted_waves`, repeated bounces by a share of what they
-    return; their energies add. Not known: bodies smaller than half a wavelength or thinner than a fifth both ways,
-    bodies of a dielectric (waves inside are not simulated), and targets of more than ``MOST_FACES`` triangles.
+    Missing waves count by the laws of :mod:`sarmitsuba.effects.omitted_waves`, repeated bounces by a share of the echo
+    that they return; their energies add. Not known: bodies smaller than half a wavelength or thinner than a fifth both
+    ways, bodies of a dielectric (waves inside are not simulated), and targets of more than ``MOST_FACES`` triangles.
     """
     shape = (len(directions), len(channels))
     counted = np.array([channel not in CROSS for channel in channels])

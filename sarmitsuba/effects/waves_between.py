@@ -187,7 +187,7 @@ def waves_between(
     .. math:: D = \frac1{\sin(\delta / 2)} \leq k \min\left(c \sqrt{\lambda d}, w\right)
 
     with :math:`\delta` the angle between it and the wave that goes straight on over the edge, d its way to the face,
-    and w the width of the edge's own face; where this face and the mirror face each other the wave stays between them
+    and w the width of the edge's face; where this face and the mirror face each other the wave stays between them
     over the whole width, which counts as its way. The line returns :math:`D^2` over
     :math:`\pi` times the square of its coherent length, as those of :func:`~.omitted_waves.omitted_energy`. The part
     that counts is 1 within the mirror and 1/2 half a Fresnel zone :math:`\sqrt{\lambda d}` beside it; narrower mirrors
@@ -205,7 +205,7 @@ def waves_between(
 
     Notes
     -----
-    Ignores what lies between an edge and the face, or hides the face; faces of the edge's own body; the electric
+    Ignores bodies between an edge and the face, and before the face; faces of the edge's body; the electric
     field across two edges; more than two reflections but between two faces.
     """
     energy = np.zeros((len(directions), len(channels)))

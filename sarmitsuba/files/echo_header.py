@@ -101,7 +101,7 @@ class EchoHeader:
         return 0.5 * doppler * self.wavelength / self.effective_velocity
 
     def check_centroid(self, doppler: float) -> None:
-        """Raise a DataError where a Doppler centroid, Hz, is beyond what a straight track describes."""
+        """Raise a DataError where a Doppler centroid, Hz, is too large for a straight track."""
         edge = abs(doppler) + 0.5 * self.doppler_bandwidth
         if self.sine(edge) > _SQUINT:
             raise DataError(

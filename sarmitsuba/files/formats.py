@@ -9,6 +9,7 @@ from typing import Literal
 
 from sarmitsuba.core.errors import DataError, RadarError
 from sarmitsuba.core.registry import Registry
+from sarmitsuba.machine.regular_files import describe_missing
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.validity import check_radar, check_request
 from sarmitsuba.signal.image import SarImage, check_image
@@ -151,7 +152,7 @@ def read_image(path: Path | str, *, format: str | None = None) -> SarImage:
 
 def _check_there(path: Path) -> None:
     if not os.path.exists(path):  # also for names that the system rejects
-        raise DataError(f"{path}: no such file or folder")
+        raise DataError(f"{path}: {describe_missing(path)}")
 
 
 @contextmanager

@@ -1,8 +1,6 @@
-"""HDF5 files of this program: their head, guarded writing, reading of untrusted ones, and the grid of an image.
+"""HDF5 files of this program: head, guarded writing, reading of untrusted files, dataclasses, and grids of images.
 
-Dataclasses as groups of an HDF5 file, and safe reading of datasets from untrusted files.
-
-Numbers are datasets with the attributes ``unit`` and ``description``, texts are attributes of the group.
+A dataclass is a group: numbers are datasets with the attributes ``unit`` and ``description``, texts are attributes.
 """
 
 import dataclasses
@@ -21,6 +19,7 @@ from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import DataError, RadarError
 from sarmitsuba.core.parameters import one_line
 from sarmitsuba.machine.atomic import atomic_path
+from sarmitsuba.machine.exclusive import backend_lock
 from sarmitsuba.machine.guarded import GuardedFile
 from sarmitsuba.machine.isolated import survive
 from sarmitsuba.radar.geodesy import Anchor
@@ -51,6 +50,7 @@ FACTS: Mapping[str, tuple[str, str]] = {
     "center_frequency": ("Hz", "carrier"),
     "center_x": ("m", "image centre, east"),
     "center_y": ("m", "image centre, north"),
+    "cycle": ("s", "from a burst to the next of the same sub-swath"),
     "delay": ("s", "delay from transmission to reception, per pulse, where the antenna moves on meanwhile"),
     "elevation_axis": ("1", "unit vector across the aperture, per pulse"),
     "elevation_cut": ("rad, 1", "angle off boresight and one-way power gain over its peak"),
@@ -64,8 +64,10 @@ FACTS: Mapping[str, tuple[str, str]] = {
     "latitude": ("rad", "WGS-84, of the origin of the frame"),
     "longitude": ("rad", "WGS-84, of the origin of the frame"),
     "losses": ("1", "two-way system losses, power"),
+    "middle": ("s", "middle of the burst; 0 is when the aim point is at zero Doppler"),
     "n_samples": ("1", "samples of a range-compressed profile"),
     "noise_temperature": ("K", "of the receiver with its antenna; 0: no noise"),
+    "number": ("1", "of the burst, 0 about the aim point"),
     "origin": ("m", "origin of azimuth and range"),
     "position": ("m", "of the antenna's phase centre, per pulse"),
     "phase_correction": ("rad", "of a provider's autofocus, per pulse; not applied to the echoes"),
@@ -79,6 +81,7 @@ FACTS: Mapping[str, tuple[str, str]] = {
     "spacing_azimuth": ("m", "pixel spacing along the track; 0: half a cell"),
     "spacing_range": ("m", "pixel spacing in range; 0: half a cell"),
     "start_range": ("m", "slant range of the first sample, per pulse"),
+    "steering_rate": ("rad/s", "turn of the beam during a burst, positive forward"),
     "time": ("s", "of transmission, per pulse"),
     "transmit_power": ("W", "peak"),
     "velocity": ("m/s", "of the antenna, per pulse"),
@@ -301,7 +304,8 @@ def read_hdf5(path: Path | str, content: str, wanted: str, load: Callable[[h5py.
             return load(file, planes)
 
     try:
-        with h5py_lock:  # must not be held by another thread at the fork
+        # no other thread may hold the lock of h5py at the fork; in this order, since exclusive functions read files
+        with backend_lock(), h5py_lock:
             survive(path, lambda: read(planes=False))
         return read(planes=True)
     except (

@@ -1,6 +1,6 @@
 """Images and raw data as arrays with named dimensions, units and coordinates, for xarray.
 
-Optional packages of the extra ``formats``, imported when needed.
+Optional packages of the extra ``formats`` are imported when needed.
 """
 
 import importlib

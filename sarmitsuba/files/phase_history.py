@@ -1,6 +1,6 @@
 """Conversion of external phase histories (samples over frequency and pulse) into raw data without resampling error.
 
-Variables of a MATLAB file (version 7 or older), from anybody.
+MATLAB files (version 7 or older) are read as untrusted.
 """
 
 import warnings

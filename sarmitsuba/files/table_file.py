@@ -54,7 +54,7 @@ def _bound_number(value: object) -> object:
 
 
 def _toml_reader(path: Path) -> ModuleType:
-    """Reader of TOML: Python's own, before 3.11 the package that it came from."""
+    """Reader of TOML: Python's ``tomllib``, before 3.11 the package that it came from."""
     for name in ("tomllib", "tomli"):
         try:
             return importlib.import_module(name)

@@ -19,7 +19,7 @@ from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.image_request import Extent, ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
-from sarmitsuba.scene.materials.diffuse import diffuse_tables
+from sarmitsuba.scene.materials.diffuse import FEW_ANGLES, diffuse_tables
 from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.mesh.cleaning import JoinedMeshes, clean_meshes
@@ -235,7 +235,7 @@ def _black(label: str, surfaces: Sequence[MeshSurface], materials: Sequence[Mate
 
 def _check_angle(label: str, material: Material, radar: Radar, image: ImageRequest, notes: list[str]) -> None:
     """Warn where level ground is seen at an incidence angle outside the validity of the material's diffuse law."""
-    table = diffuse_tables(material, radar.waveform.wavelength)
+    table = diffuse_tables(material, radar.waveform.wavelength, FEW_ANGLES)
     look = np.array([image.center_x, image.center_y, image.height]) - radar.track.center_position
     incidence = float(np.arccos(np.clip(-look[2] / np.linalg.norm(look), -1.0, 1.0)))
     if table.valid_from < table.valid_to and not table.valid_from <= incidence <= table.valid_to:

@@ -117,7 +117,7 @@ def build_scene(
 
     Parameters
     ----------
-    meshes, points, wires, volumes, scatterers : what there is to see, m; triangles of trimesh by ``SceneMesh.of``
+    meshes, points, wires, volumes, scatterers : content of the scene, m; triangles of trimesh by ``SceneMesh.of``
     radar, film : the parameters of ``sar_antenna`` and ``range_film``; None takes their defaults
     settings : of the tracing; None takes the defaults and the film's ``gridding_width``
     track : antenna positions in the frame of the meshes, in place of the radar's slant range, angles, speed, prf,
@@ -152,6 +152,8 @@ def build_scene(
             index = _material(collector, mesh, name)
             elements.append((mesh.material, index))
         collector.surfaces.append(_surface(mesh, index, name))
+    for point in points:
+        _check_point(point, name)
     collector.points.extend(points)
     collector.scatterers.extend([*wires, *scatterers])
     for volume in volumes:
@@ -176,6 +178,27 @@ def _check_meshes(meshes: Sequence[SceneMesh], label: str) -> None:
                 f'{label}: {type(mesh).__name__} has no material; give build_scene([SceneMesh.of(mesh, "concrete") '
                 f"{what}])"
             )
+
+
+# largest radar cross section of an ideal point, m^2: 200 dBsm
+_LARGEST_RCS = 1e20
+
+
+def _check_point(point: PointTarget, label: str) -> None:
+    if not isinstance(point, PointTarget):
+        raise SceneError(f"{label}: {type(point).__name__} is no PointTarget")
+    where = f'{label}: point "{point.name}"'
+    try:
+        place = np.asarray(point.position, dtype=np.float64)
+        power, phase = float(point.rcs), float(point.phase)
+    except (TypeError, ValueError):
+        raise SceneError(f"{where}: position, rcs and phase must be numbers") from None
+    if place.shape != (3,) or not np.isfinite(place).all():
+        raise SceneError(f"{where}: position {place.tolist()} is not three finite numbers, m")
+    if not 0.0 <= power <= _LARGEST_RCS or not np.isfinite(phase):
+        raise SceneError(
+            f"{where}: rcs = {power:g} m^2 is outside 0 to {_LARGEST_RCS:g}, or its phase is not finite"
+        )
 
 
 def _describe_radar(

@@ -44,6 +44,10 @@ BYTES_PER_FACE, COUNTED = 300, 1_000_000
 SMOOTH_ANGLE_DEG = 40.0
 # distance of their new facets from it, over the wavelength: the phase of the curvature within a facet is the kernel's
 SMOOTH_SAGITTA = 1.0 / 100.0
+# start of the note on bodies of a mesh file without ground
+NO_GROUND = "no ground below the bodies"
+# share of the height of a scene that counts as its lowest level
+LOWEST = 0.1
 # step of coordinates in single precision, over the wavelength, from which on it is warned of
 LARGEST_ROUNDING = 1.0 / 32.0
 
@@ -126,11 +130,36 @@ class Collector:
         """Add level ground with a bsdf; see :class:`sarmitsuba.loading.radar_ground.LevelGround`."""
         self.grounds.append(LevelGround(name, where, self.book.index(bsdf, where), level, extent))
 
-    def add_ground_of(self, material: str | Mapping[str, Value], level: float | None = None) -> None:
-        """Add level ground of a material, by default at the lowest level of the scene."""
+    def add_ground_of(
+        self, material: str | Mapping[str, Value] | None, level: float | None = None, *, hint: bool = False
+    ) -> None:
+        """Add level ground of a material, by default at the lowest level of the scene; None: note if it lacks some.
+
+        ``hint`` : whether that note is wanted
+        """
+        if material is None:
+            if hint:
+                self._note_missing_ground()
+            return
         label = printable(self.path.name if self.path else self.name)
         taken = {known.name for known in self.book.materials}
         self.add_ground("ground", f"{label}: ground", ground_element(material, label, taken), level)
+
+    def _note_missing_ground(self) -> None:
+        """Note where nothing at the lowest level faces upwards: bodies without ground, shadow and double bounce."""
+        if self.grounds or not self.surfaces:
+            return
+        corners = np.concatenate([surface.vertices[surface.faces] for surface in self.surfaces])
+        if not np.isfinite(corners).all() or not len(corners):
+            return
+        up = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2]
+        low, high = corners[..., 2].min(), corners[..., 2].max()
+        on_floor = corners[..., 2].max(axis=1) < low + LOWEST * (high - low)
+        if high > low and not np.any(on_floor & (up > 0.0)):
+            self.notes.append(
+                f"{printable(self.name)}: {NO_GROUND}: no shadow, and no double bounce with it; "
+                "--ground soil adds some"
+            )
 
     def add_parts(
         self,

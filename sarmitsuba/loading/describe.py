@@ -65,10 +65,10 @@ def _sensor(root: Element, radar_root: Element | None, label: str) -> tuple[Elem
         sensor = replace(sensor, values={**sensor.values, **place})
     if sensor is None:
         others = [e.plugin for e in root.of_kind("sensor")]
-        has = f"only {', '.join(others)}" if others else "none"
+        has = f" (only {', '.join(others)})" if others else ""
         has += next(filter(None, (did_you_mean(name, (tables.SENSOR.plugin,)) for name in others)), "")
         raise RadarError(
-            f"{label}: no sar_antenna sensor ({has}); add one, or lay a radar over the scene with --radar RADAR.xml or "
+            f"{label}: no sar_antenna sensor{has}; add one, or lay a radar over the scene with --radar RADAR.xml or "
             f"a shipped one: --radar {', '.join(entry.name for entry in list_radars())}; in Python radar=..."
         )
     film = sensor.child("film")

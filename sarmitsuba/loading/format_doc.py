@@ -1,4 +1,4 @@
-"""Generated tables of the documentation pages on scene files and effects, from the program's own parameter tables."""
+"""Generated tables of the documentation pages on scene files and effects, from the program's parameter tables."""
 
 import re
 

@@ -131,7 +131,7 @@ def find_frame(
     root : of the scene
     shapes : of the scene, as in the file
     reader : of mesh files
-    options : what the user says
+    options : of the user
     """
     up, said, doubt = options.up, f"{options.up} up as asked", ""
     if up == "auto":
@@ -163,7 +163,7 @@ def describe_frame(
     label : start of both
     frame : of the file
     surfaces : of the scene, in its frame
-    options : what the user says
+    options : of the user
     """
     low, high = (np.array([getattr(s.vertices, e)(axis=0) for s in surfaces]) for e in ("min", "max"))
     span = high.max(axis=0) - low.min(axis=0)
@@ -187,7 +187,7 @@ def describe_frame(
 
 
 def has_radar(root: Element) -> bool:
-    """Whether a scene has a radar of its own, so that its shapes are in the radar's frame."""
+    """Whether a scene has a radar, so that its shapes are in the radar's frame."""
     return any(sensor.plugin == SENSOR.plugin for sensor in root.of_kind("sensor"))
 
 

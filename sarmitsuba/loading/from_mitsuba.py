@@ -47,7 +47,7 @@ def scene_from_mitsuba(
 
     Parameters
     ----------
-    mi_scene : what ``mi.load_file`` or ``mi.load_dict`` returns
+    mi_scene : of ``mi.load_file`` or ``mi.load_dict``
     sensor : a sensor or its index in the scene; None takes the first ``sar_antenna``
     integrator : None takes the scene's
     radar_root : of a radar file that replaces sensor, film and integrator

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from sarmitsuba.core.errors import SarmitsubaWarning, SceneError
 from sarmitsuba.core.parameters import did_you_mean
-from sarmitsuba.machine.regular_files import check_text
+from sarmitsuba.machine.regular_files import check_text, describe_missing, name_hint
 
 _COMMENT = re.compile(r"<!--(.*?)-->", re.DOTALL)
 
@@ -117,8 +117,9 @@ def _resolve(name_or_path: str | Path, folder: Path, what: str) -> Path:
         raise SceneError(f"{text}: a folder, not a {what} file; name the XML file in it")
     if bare:
         names = sorted(p.stem for p in folder.glob("*.xml"))
-        guess = did_you_mean(path.stem, names)
+        guess = did_you_mean(path.stem, names) or name_hint(path)
         raise SceneError(
             f"{text}: no such file, and no shipped {what} of that name{guess}; shipped: {', '.join(names)}"
         )
-    raise SceneError(f"{text}: no such {what} file; check the path")
+    missing = describe_missing(path) if os.path.islink(path) else f"no such {what} file{name_hint(path)}"
+    raise SceneError(f"{text}: {missing}; check the path")

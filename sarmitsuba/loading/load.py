@@ -66,7 +66,7 @@ def load_scene(
     ground: str | None = None,
     allow_outside: bool = False,
 ) -> Scene:
-    """Load a scene file, a shipped scene, a dict as for ``mi.load_dict``, or what Mitsuba has loaded.
+    """Load a scene file, a shipped scene, a dict as for ``mi.load_dict``, or a scene that Mitsuba has loaded.
 
     Parameters
     ----------
@@ -133,8 +133,7 @@ def load_scene(
         add_mesh_file(collector, file, mesh or MeshOptions())
     else:
         _add_shapes(collector, root, label, mesh)
-    if ground is not None:
-        collector.add_ground_of(ground)
+    collector.add_ground_of(ground, hint=from_mesh)
     return collector.scene()
 
 
@@ -151,7 +150,7 @@ def _check_options(mesh: MeshOptions, scene: object, label: str) -> None:
 
 
 def _add_shapes(collector: Collector, root: Element, label: str, mesh: MeshOptions | None) -> None:
-    """Add every shape of a scene in metres with z up, and note what is assumed of files without a radar."""
+    """Add every shape of a scene in metres with z up, and note assumptions for files without a radar."""
     shapes, options = list(placed_shapes(root)), mesh or MeshOptions()
     frame = find_frame(label, root, shapes, collector.reader, options)
     if frame.doubt:

@@ -23,7 +23,7 @@ from sarmitsuba.scene.materials.bsdfs import (
     sionna_itu_name,
     sionna_material,
 )
-from sarmitsuba.scene.materials.diffuse import diffuse_tables
+from sarmitsuba.scene.materials.diffuse import FEW_ANGLES, diffuse_tables
 from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.materials.material import Material
 from sarmitsuba.scene.materials.typical import typical_surface
@@ -104,7 +104,7 @@ class MaterialBook:
     def _check_law(self, material: Material, label: str) -> None:
         """Warn where a diffuse law is used outside its domain of validity."""
         try:
-            table = diffuse_tables(material, SPEED_OF_LIGHT / self.frequency)
+            table = diffuse_tables(material, SPEED_OF_LIGHT / self.frequency, FEW_ANGLES)
         except SceneError as error:
             raise SceneError(f"{label}: {error}") from None
         for note in table.notes:
@@ -148,7 +148,7 @@ class MaterialBook:
         return material
 
     def _ordinary(self, bsdf: Element, name: str) -> Material:
-        """Material of one of Mitsuba's own BSDFs; notes what its id says, and warns of guesses."""
+        """Material of one of Mitsuba's own BSDFs; notes the meaning of its id, and warns of guesses."""
         title = bsdf.id or ("" if _NUMBERED.fullmatch(name) else name)
         called = kind_of(title, {})
         material, warning, note = ordinary_material(
@@ -166,7 +166,7 @@ class MaterialBook:
         return material
 
     def _radar_material(self, bsdf: Element, name: str) -> tuple[Material, str]:
-        """Material of a ``radar_material`` and its warning; notes what is understood and assumed."""
+        """Material of a ``radar_material`` and its warning; notes assumptions."""
         where = bsdf.where
         values, given = self.overrides.read(bsdf, tables.RADAR_MATERIAL, MATERIAL_MAPS)
         material, note, assumed = radar_material(name, values, given, self.frequency, where, self.rms_height)

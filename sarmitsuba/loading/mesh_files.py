@@ -15,6 +15,7 @@ import numpy as np
 from sarmitsuba.core.arrays import F64, I32, I64
 from sarmitsuba.core.errors import DataError, SceneError
 from sarmitsuba.core.parameters import one_line
+from sarmitsuba.machine.encoding import json_value
 from sarmitsuba.machine.isolated import survive
 from sarmitsuba.machine.regular_files import check_regular, is_inside, read_bytes
 from sarmitsuba.scene.mesh.formats import ObjMesh, read_obj, read_ply, read_serialized
@@ -72,7 +73,7 @@ class MeshPart:
     ----------
     name : of the part
     material : as the file names it; of a glTF part without one, the part's name; empty in files without names
-    vertices : (n_v, 3) float64, unit and axes of the file, the file's own transforms applied
+    vertices : (n_v, 3) float64, unit and axes of the file, the file's transforms applied
     faces : (n_f, 3) int32
     """
 
@@ -158,7 +159,7 @@ def _placed_parts(path: Path, where: str) -> list[MeshPart]:
 
 
 def _placements(loaded: "trimesh.Scene", path: Path, where: str) -> dict[Hashable, F64]:
-    """Transform (4, 4) of every node, from the root down: each is its parent's times its own."""
+    """Transform (4, 4) of every node, from the root down: each is the product of the parent's and the node's."""
     from trimesh.transformations import fix_rigid
 
     graph = loaded.graph
@@ -197,7 +198,15 @@ def _load(path: Path) -> "trimesh.Scene":
     kind, beside = path.suffix.lower().removeprefix("."), _Beside(path.parent)
 
     def load() -> "trimesh.Scene":
-        return trimesh.load_scene(BytesIO(read_bytes(path)), file_type=kind, resolver=beside, process=False)
+        content = read_bytes(path)
+        try:
+            return trimesh.load_scene(BytesIO(content), file_type=kind, resolver=beside, process=False)
+        except (OSError, RecursionError):
+            if kind == "gltf":
+                json_value(
+                    content
+                )  # trimesh takes the text of a file whose JSON it cannot read for a file's name
+            raise
 
     survive(path, load)
     return load()

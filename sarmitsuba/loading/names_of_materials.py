@@ -185,7 +185,7 @@ def kind_of(name: str, chosen: Mapping[str, str]) -> str:
     Parameters
     ----------
     name : as in the file; ``itu_concrete``, ``Brick.001`` or ``old stone wall``
-    chosen : materials of the library by name, which come first; that of ``EVERY`` is of all names without their own
+    chosen : materials of the library by name, which come first; that of ``EVERY`` is of all other names
     """
     if name not in chosen and EVERY in chosen:
         name = EVERY

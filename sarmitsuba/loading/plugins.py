@@ -72,7 +72,7 @@ def register(table: ParamTable, *, sionna: bool = False) -> Callable[[Plugin], P
     Parameters
     ----------
     table : its parameters; becomes the attribute ``table`` of the class
-    sionna : not registered where Sionna RT is imported, which has its own
+    sionna : not registered where Sionna RT is imported, which has one of that name
     """
 
     def decorate(cls: Plugin) -> Plugin:
@@ -111,7 +111,7 @@ def given_values(props: "mi.Properties", table: ParamTable) -> dict[str, Propert
 
 
 def describe(table: ParamTable, given: Mapping[str, Property]) -> str:
-    """Text of a plugin for ``print``: its parameters, defaults included, as Mitsuba writes its own."""
+    """Text of a plugin for ``print``: its parameters, defaults included, as Mitsuba writes plugins."""
     values = {**table.defaults(), **given}
     lines = ",\n".join(f"  {name} = {_text(value)}" for name, value in values.items() if value != "")
     return f"{table.plugin}[\n{lines}\n]"

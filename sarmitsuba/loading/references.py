@@ -1,6 +1,6 @@
-"""Checks of a scene file's references: no file outside its own folder, unless allowed, and no document type.
+"""Checks of a scene file's references: no file outside its folder, unless allowed, and no document type.
 
-File names, parameters and sizes in the text of a scene file, read as Mitsuba's parser reads them.
+File names, parameters and sizes are read as Mitsuba's parser reads them.
 """
 
 import os
@@ -205,7 +205,7 @@ def check_document(path: Path, *, allow_outside: bool = False, strict: bool = Fa
     Raises
     ------
     SceneError
-        A file is not in UTF-8, has a document type, names what is not there or no ordinary file, or, unless allowed,
+        A file is not in UTF-8, has a document type, names a missing or no ordinary file, or, unless allowed,
         includes or searches outside the folder of the scene; or expanding every include and parameter would exceed the
         bounds.
 
@@ -222,7 +222,7 @@ def document_files(path: Path, *, allow_outside: bool = False, strict: bool = Fa
 
     Returns
     -------
-    the file, what it includes and every file that any of them names, once each, by the scene's folder with its links
+    the file, included files and every file that any of them names, once each, by the scene's folder with its links
     followed; files that ``<string>`` elements name may be missing
     """
     included = _Included(path, allow_outside, strict)

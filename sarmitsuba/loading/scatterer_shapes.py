@@ -87,7 +87,7 @@ def read_targets(placed: Placed, bsdf: Element, reading: Reading) -> Sequence[Ta
 
 
 def _point(kind: ScattererKind, placed: Placed, bsdf: Element, reading: Reading) -> ScattererTarget:
-    """Scatterer of a user's own kind, at the centre of a sphere element and turned as it is."""
+    """Scatterer of an extension's kind, at the centre of a sphere element and turned as it is."""
     shape = placed.element
     values, _ = reading.overrides.read(bsdf, kind.table)
     if shape.plugin != "sphere":

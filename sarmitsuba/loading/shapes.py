@@ -64,7 +64,7 @@ class Placed:
     motion: Motion = STILL
 
     def moved(self, vertices: F64) -> F64:
-        """(n, 3) points of the shape's own coordinates in the file frame, m."""
+        """(n, 3) points of the shape's coordinates in the file frame, m."""
         if self.to_world is _IDENTITY:
             return vertices + 0.0  # no negative zeros, as from the product
         with np.errstate(over="ignore", invalid="ignore"):  # refused when the mesh is checked
@@ -179,7 +179,7 @@ class MeshReader:
 
 
 def placed_shapes(root: Element) -> Iterator[Placed]:
-    """Every shape with a surface, in the file's own coordinates, shape groups through their instances.
+    """Every shape with a surface, in the file's coordinates, shape groups through their instances.
 
     Raises
     ------

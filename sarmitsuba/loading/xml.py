@@ -1,4 +1,4 @@
-"""Scene files and dicts as trees of elements, read by Mitsuba's own parser with every number in float64."""
+"""Scene files and dicts as trees of elements, read by Mitsuba's parser with every number in float64."""
 
 import re
 from bisect import bisect_left
@@ -70,7 +70,7 @@ def parse_dict(scene: dict[str, object], label: str) -> Element:
 
     Raises
     ------
-    SceneError : one line about what is malformed, and where
+    SceneError : one line about the defect, and its place
     """
     config = mi.parser.ParserConfig(mi.variant())
     try:
@@ -211,14 +211,14 @@ def _tree(
 
 
 class _LineNumbers:
-    """Lines of the nodes of files; Mitsuba's own search reads the file again for each node."""
+    """Lines of the nodes of files; Mitsuba's search reads the file again for each node."""
 
     def __init__(self, state: "mi.parser.ParserState", name: str) -> None:
         self._state, self._name = state, name
         self._ends: dict[int, list[int]] = {}
 
     def of(self, node: "mi.parser.SceneNode") -> str:
-        """Line of a node, from 1, and the file where it is not the scene's own."""
+        """Line of a node, from 1, and the file where it is not the scene file."""
         number = node.file_index
         if number not in self._ends:
             text = regular_files.read_bytes(str(self._state.files[number]))

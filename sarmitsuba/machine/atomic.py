@@ -1,7 +1,4 @@
-"""Atomic writing of files: write beside the target, then rename.
-
-Files and folders of a run that a signal ends: what is removed, and what it resumes from.
-"""
+"""Atomic writing of files, beside the target and renamed; and removal of files of a run that a signal ends."""
 
 import errno
 import itertools
@@ -75,7 +72,7 @@ def withdraw_resuming(path: Path | None = None) -> None:
 
 
 def describe_end() -> str:
-    """What a run ended by a signal leaves: no half-written file, and how it resumes where parts are finished."""
+    """State of a run ended by a signal: no half-written file, and the remedy where parts are finished."""
     return "; ".join(["no half-written file was left behind", *dict.fromkeys(_resuming.values())])
 
 

@@ -1,6 +1,6 @@
 """Choice and start of the Dr.Jit back end: search for a working LLVM (or a GPU) and Mitsuba's variant, on demand.
 
-Folder of Dr.Jit's compiled kernels: in the home folder, or another one if that is not writable.
+Compiled kernels are kept in the home folder, or in another one if that is not writable.
 """
 
 import ctypes
@@ -38,7 +38,7 @@ CACHE_VARIABLE = "DRJIT_CACHE_DIR"
 
 
 def prepare_kernel_cache() -> Path | None:
-    """Choose another folder for compiled kernels if Dr.Jit's own is unusable; call before importing Dr.Jit.
+    """Choose another folder for compiled kernels if Dr.Jit's is unusable; call before importing Dr.Jit.
 
     A folder named by ``DRJIT_CACHE_DIR`` is not changed. A ``~/.drjit`` that is not writable, is a link, or is owned or
     writable by others is replaced by a private folder of this user among the temporary files, which is kept from run to
@@ -155,7 +155,7 @@ class Backend:
     Parameters
     ----------
     variant : present Mitsuba variant
-    llvm_path : LLVM library given to Dr.Jit; None on a GPU or where Dr.Jit found its own
+    llvm_path : LLVM library given to Dr.Jit; None on a GPU or where Dr.Jit found one
     llvm_version : as Dr.Jit reports it, e.g. ``23.1.4``; None on a GPU
     threads : worker threads of Dr.Jit
     gpu : description by CUDA; None without a usable GPU
@@ -420,7 +420,7 @@ def _packaged_llvm() -> LlvmChoice | None:
 
 
 def _preload_libcxx(llvm: Path) -> None:
-    """Load the package's libc++, and what it needs, by their full names where the links to them are missing.
+    """Load the package's libc++ and its dependencies by their full names where the links to them are missing.
 
     The links are made by ``wheel-axle-runtime`` at the first start of the interpreter, which fails when that
     start may not write to the environment (installed by root, run by a user).

@@ -1,4 +1,4 @@
-"""Lock of the back end: one thread at a time records or evaluates Dr.Jit arrays; and what a fork does to both."""
+"""Lock of the back end: one thread at a time records or evaluates Dr.Jit arrays; and the effect of a fork on both."""
 
 import functools
 import os

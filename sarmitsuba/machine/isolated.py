@@ -31,7 +31,7 @@ def survive(source: Path | int, read: Callable[[], object]) -> None:
 
     Parameters
     ----------
-    source : the file, or the bytes of what is converted
+    source : the file, or the bytes to be converted
     read : reads the file; must not need another thread of this process, nor a device
 
     Raises

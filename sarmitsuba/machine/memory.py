@@ -122,8 +122,8 @@ _ARENA_VARIABLES = {"MALLOC_ARENA_MAX": "", "GLIBC_TUNABLES": "glibc.malloc.aren
 def share_one_heap() -> None:
     """Let threads that start later allocate from one heap, unless the user has set the number of heaps.
 
-    glibc gives each thread its own, up to eight for a processor, and returns little of what threads have freed: a
-    process grows towards the sum of the largest use of each heap. Other systems are left as they are.
+    glibc gives each thread a heap, up to eight for a processor, and returns little of the memory that threads have
+    freed: a process grows towards the sum of the largest use of each heap. Other systems are left as they are.
     """
     if any(name in os.environ and text in os.environ[name] for name, text in _ARENA_VARIABLES.items()):
         return
@@ -134,6 +134,8 @@ def share_one_heap() -> None:
 # address space, bytes: libraries and kernels reserve 0.7 GB with two threads, each further one its stack; with less
 # they end the process with a signal
 _LEAST_ADDRESSES, _ADDRESSES_PER_THREAD = 1_000_000_000, 16_000_000
+# open files that a run needs: streams, pipes, libraries, results and their journals
+_LEAST_FILES = 32
 # limit of processes and threads below which it is tried whether enough can be started
 _FEW_THREADS = 10_000
 
@@ -153,6 +155,9 @@ def check_limits() -> None:
         raise ResourceError(
             f"the address space is limited to {most / 1e6:.0f} MB, of {need / 1e6:.0f} MB needed; raise it (ulimit -v)"
         )
+    most = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    if most != resource.RLIM_INFINITY and most < _LEAST_FILES:
+        raise ResourceError(f"{most} files may be open, of {_LEAST_FILES} needed; raise it (ulimit -n)")
     most = resource.getrlimit(resource.RLIMIT_NPROC)[0]
     if most == resource.RLIM_INFINITY or most > _FEW_THREADS:
         return

@@ -1,8 +1,7 @@
 """Output folders: files written by the program are replaced, other files are never changed.
 
-Exclusive writing in a folder, and removal of temporary files of killed writers.
-
-parameters.json: record of a run's parameters and results.
+One process writes into a folder at a time; temporary files of killed writers are removed. ``parameters.json`` records
+a run's parameters and results.
 """
 
 import errno

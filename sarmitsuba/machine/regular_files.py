@@ -3,9 +3,11 @@
 import errno
 import os
 import stat
+from itertools import islice
 from pathlib import Path
 
 from sarmitsuba.core.errors import DataError, OutputError, SarmitsubaError
+from sarmitsuba.core.parameters import did_you_mean
 
 # a city of a million buildings; larger files must be divided
 LARGEST = 1 << 30
@@ -22,6 +24,21 @@ def check_text(name: Path | str, error: type[SarmitsubaError] = OutputError) -> 
     except UnicodeEncodeError:
         shown = str(name).encode(errors="surrogateescape")
         raise error(f"{shown!r}: the name is not UTF-8 text; rename the file or folder") from None
+
+
+# names of a folder that are compared with a missing one
+_COMPARED = 2000
+
+
+def name_hint(path: Path) -> str:
+    """``; did you mean "..."?`` when its folder has a file of a name close to a missing one's, else empty."""
+    try:
+        with os.scandir(path.parent) as entries:
+            beside = [entry.name for entry in islice(entries, _COMPARED)]
+    except (OSError, ValueError):
+        return ""
+    guess = did_you_mean(path.name, sorted(beside))
+    return "" if f'"{path.name}"' in guess else guess
 
 
 def open_regular(path: Path | str, most: int = LARGEST) -> int:
@@ -116,6 +133,13 @@ def check_unpacked(claimed: int, size: int, most: int | None = None) -> None:
             f"the file of {size} bytes claims to unpack to {claimed / 1e6:.6g} MB, above the limit of "
             f"{most / 1e6:.4g} MB; it is damaged or malicious"
         )
+
+
+def describe_missing(path: Path | str) -> str:
+    """Why a path does not exist, for an error message: it is not there, or is a link whose target is not."""
+    if os.path.islink(path):
+        return "is a link to a file that does not exist"
+    return f"no such file or folder{name_hint(Path(path))}"
 
 
 def is_inside(name: str | Path, folder: Path) -> bool:

@@ -1,8 +1,7 @@
 """Synthetic aperture: geometry about the aim point, and the automatic track with consistent length, prf and pulses.
 
-Pulse intervals: uniform, random, or staggered (a repeated sequence).
-
-Motion of a steered beam over the scene: footprint speed, and the track that illuminates an image.
+Pulse intervals are uniform, random, or a repeated (staggered) sequence. The footprint of a steered beam moves over the
+scene, and the track is as long as the image needs to be lit.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,6 +15,7 @@ from sarmitsuba.core.arrays import F64, unit_rows
 from sarmitsuba.core.errors import RadarError
 from sarmitsuba.core.parameters import Value, one_line
 from sarmitsuba.radar.antenna import Antenna
+from sarmitsuba.radar.bursts import BurstPlan
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.mode import MODES, AimGeometry, FlightPath, RadarMode, right_of
 from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth
@@ -39,7 +39,7 @@ class PulseIntervals:
 
     Notes
     -----
-    Positions and echoes are those at the pulses' own times, which the focuser knows.
+    Positions and echoes are those at the pulses' times, which the focuser knows.
     """
 
     sequence: tuple[float, ...] = ()
@@ -468,6 +468,39 @@ def automatic_track(
             f"{n * speed / prf:g} m, more than four slant ranges ({longest:g} m); raise prf or take fewer pulses"
         )
     return pulse_intervals(given).track(path, prf, n), half
+
+
+def burst_track(
+    plan: BurstPlan, box: Box, faded: Box, waveform: Waveform, antenna: Antenna, path: FlightPath
+) -> tuple[Track, float]:
+    """Pulses of one burst along a path, and half the aperture of a pixel in sines.
+
+    A beam that turns gives every pixel its own aperture, of the azimuth resolution and within the beam's nulls; a beam
+    at rest, that of the whole burst.
+
+    Parameters
+    ----------
+    plan : of the burst
+    box, faded, waveform, antenna, path : as for :func:`automatic_track`
+
+    Raises
+    ------
+    RadarError
+        The beam turns, and the antenna has none.
+    """
+    s, where = plan.given.sensor, plan.given.where
+    time = pulse_intervals(plan.given).times(s.prf, s.n_pulses) + plan.burst.middle
+    track = Track(time, *path.states(time))
+    if not MODES[s.mode].instantaneous_doppler:
+        return track, np.inf
+    if not antenna.directive:
+        raise RadarError(
+            f"{where}: mode = {s.mode} turns a beam, and pattern = {s.pattern} has none; give one"
+        )
+    longest = replace(plan.given, sensor=replace(s, n_pulses=0))
+    wanted = _Wanted(longest, plan.geometry, box, faded, waveform, antenna, path)
+    wanted.__dict__["beam"] = BeamOverPath(MODES[s.mode], path, plan.geometry, plan.values)
+    return track, wanted.half_aperture()
 
 
 def spare_pulses(

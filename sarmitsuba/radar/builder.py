@@ -1,14 +1,11 @@
 """Radar and image request from the description of sensor and film.
 
-Antenna from a description: a pattern with its beamwidths, or a measured one.
-
-Warnings about valid values that look like an error of units, one line each.
-
-Second pass of an interferometric pair: the track shifted by a constant baseline.
+The antenna has a pattern with its beamwidths, or a measured one. Valid values that look like an error of units are
+warned of, one line each. The second pass of an interferometric pair is the track shifted by a constant baseline.
 """
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,16 +14,19 @@ import numpy as np
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import RadarError, SarmitsubaWarning
+from sarmitsuba.core.parameters import Value
 from sarmitsuba.core.units import power_from_db
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.aperture import (
     automatic_track,
+    burst_track,
     geometry_from_angles,
     geometry_of_track,
     given_track,
     known_azimuth_cell,
     spare_pulses,
 )
+from sarmitsuba.radar.bursts import BurstPlan, plan_burst
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.geodesy import Anchor
@@ -252,7 +252,6 @@ def build_radar(
     waveform = Waveform(s.center_frequency, s.bandwidth, s.pulse_width)
     film = _film(given)
     channels = read_channels(s.polarisation, given.where)
-    antenna = antenna_of(given, waveform.wavelength)
     aim = np.array(
         [
             middle if value is None else value - moved
@@ -269,6 +268,12 @@ def build_radar(
         geometry = geometry_of_track(given, track, aim)
     else:
         geometry = geometry_from_angles(given, aim) if orbit is None else orbit[0]
+    path = None if track is not None else orbit[1] if orbit else MODES[s.mode].path(geometry, s.speed)
+    burst = _burst_of(given, geometry, path, anchor, shift)
+    if burst is not None:
+        given, geometry, s = burst.given, burst.geometry, burst.given.sensor
+        waveform = Waveform(s.center_frequency, s.bandwidth, s.pulse_width)
+    antenna = antenna_of(given, waveform.wavelength)
     scene = Box(geometry.aim, geometry.axes, *extent.in_axes(geometry.aim, geometry.axes))
     if track is None and orbit is None:
         doubts += doubtful_distance(given, scene)
@@ -285,20 +290,25 @@ def build_radar(
             return radar, image, (f"{note}densest part, aim_x = {x:.6g} m, aim_y = {y:.6g} m", *notes)
     box = image_box(image, scene)
     half_aperture = np.inf
-    path: FlightPath | None = None
+    values = s.mode_parameters if burst is None else burst.values
     if track is None:
+        assert path is not None
         width, all_round = image.fade_out(max(cells)), MODES[s.mode].all_round
         lit = Box(geometry.aim, geometry.axes, *extent.lit_in_axes(geometry.aim, geometry.axes))
-        faded = faded_box(box, lit, width, cells[0], all_round=all_round)
-        path = MODES[s.mode].path(geometry, s.speed) if orbit is None else orbit[1]
-        track, half_aperture = automatic_track(given, geometry, box, faded, waveform, antenna, path)
-        boxes, pulses = (box, faded), track.n_pulses
-        notes += spare_pulses(given, geometry, boxes, waveform, antenna, path, pulses, image.extent_azimuth)
+        boxes = (box, faded_box(box, lit, width, cells[0], all_round=all_round))
+        if burst is not None:
+            track, half_aperture = burst_track(burst, *boxes, waveform, antenna, path)
+        else:
+            track, half_aperture = automatic_track(given, geometry, *boxes, waveform, antenna, path)
+            pulses = track.n_pulses
+            notes += spare_pulses(
+                given, geometry, boxes, waveform, antenna, path, pulses, image.extent_azimuth
+            )
     track, geometry = parallel_pass(given, _date_track(given, track, path), geometry)
     _check_height(given, track, scene, image, shift)
     receiver = receiver_track(given, track, aim, shift)
     tracks = [track] if receiver is None else [track, receiver]
-    nominal, error = MODES[s.mode].pointing(track, geometry, s.mode_parameters), pointing_error(given)
+    nominal, error = MODES[s.mode].pointing(track, geometry, values), pointing_error(given)
     radar = Radar(
         mode=s.mode,
         track=track,
@@ -316,16 +326,32 @@ def build_radar(
         offset=shift,
         recorded=recorded_track(given, track, shift),
         anchor=anchor,
+        burst=None if burst is None else burst.burst,
         recorded_pointing=None if error.is_none else nominal,
         receiver=receiver,
-        receiver_pointing=None if receiver is None else _follower_pointing(given, receiver, geometry),
+        receiver_pointing=None
+        if receiver is None
+        else _follower_pointing(s.mode, receiver, geometry, values),
     )
     seen = check_coverage(radar, scene, box, given.where, given.film_where)
     doubts += doubtful_pixels(image, radar, given.film_where)
     doubts += ambiguities(radar, seen, box, given.where, derived=prf_derived)
     for text in doubts:
         _warn(text)
-    return radar, image, notes
+    return radar, image, notes if burst is None else (*notes, burst.note)
+
+
+def _burst_of(
+    given: RadarInput, geometry: AimGeometry, path: FlightPath | None, anchor: Anchor, offset: F64
+) -> BurstPlan | None:
+    """The burst of a mode with bursts; None for others."""
+    if not MODES[given.sensor.mode].bursts:
+        return None
+    if path is None:
+        raise RadarError(
+            f"{given.where}: mode = {given.sensor.mode} sets the times of its pulses; leave the track out"
+        )
+    return plan_burst(given, geometry, path, anchor, offset)
 
 
 def _date_track(given: RadarInput, track: Track, path: FlightPath | None) -> Track:
@@ -372,11 +398,12 @@ def _film(given: RadarInput) -> FilmDescription:
     return replace(given.film, image_grid="ground")
 
 
-def _follower_pointing(given: RadarInput, receiver: Track, geometry: AimGeometry) -> Pointing:
+def _follower_pointing(
+    mode: str, receiver: Track, geometry: AimGeometry, values: Mapping[str, Value]
+) -> Pointing:
     """Pointing of a separate receiver: steered by the same mode, from its own track to the same aim point."""
-    s = given.sensor
     follower = replace(geometry, center=receiver.center_position)
-    return MODES[s.mode].pointing(receiver, follower, s.mode_parameters)
+    return MODES[mode].pointing(receiver, follower, values)
 
 
 def _check_height(given: RadarInput, track: Track, scene: Box, image: ImageRequest, offset: F64) -> None:

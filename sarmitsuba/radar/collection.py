@@ -1,6 +1,6 @@
 """Signal and flight of an image, as stored in its file: a few numbers in place of a radar.
 
-Track of an antenna as a polynomial of time, compact enough for an image's metadata.
+The track is a polynomial of time.
 """
 
 from collections.abc import Mapping
@@ -99,7 +99,7 @@ class Flight:
 
     @staticmethod
     def from_dict(facts: FlightFacts) -> "Flight":
-        """Flight of what `as_dict` made."""
+        """Flight from the dictionary of `as_dict`."""
         first, middle, last = (float(v) for v in facts["span"])
         center, velocity = np.asarray(facts["center"]), np.asarray(facts["velocity"])
         epoch = utc_of(facts.get("epoch", DEFAULT_EPOCH))

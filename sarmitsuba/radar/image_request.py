@@ -1,6 +1,6 @@
 """Image request: grid, centre, extent and pixel spacing, automatic values fitted to the geometry.
 
-Extent of the scatterers: their outline and the default aim point.
+The extent of the scatterers is their outline; its middle is the default aim point.
 """
 
 from dataclasses import dataclass, replace

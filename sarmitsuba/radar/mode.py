@@ -1,6 +1,6 @@
 """Radar modes: beam steering over the track, and the aperture, resolution and Doppler bandwidth that follow.
 
-Flight path of the antenna as a function of time; automatic tracks are samples of it at the pulse times.
+The flight path is a function of time; automatic tracks are samples of it at the pulse times.
 """
 
 from abc import ABC, abstractmethod
@@ -103,7 +103,7 @@ class AimGeometry:
 
 @dataclass(frozen=True, eq=False)
 class TrackAxes:
-    """The antenna's own axes at every pulse, orthonormal, scene frame.
+    """The antenna's axes at every pulse, orthonormal, scene frame.
 
     Parameters
     ----------
@@ -143,6 +143,7 @@ class RadarMode(ABC):
     squints : the beam may look ahead or back at mid-aperture
     all_round : the line of sight turns so far that no slant-range axis serves all pulses: images have a ground grid
     path_parameters : names of those ``parameters`` that shape the automatic track; a given track has no use for them
+    bursts : pulses come in bursts (:mod:`sarmitsuba.radar.bursts`), which set their rate, number and times
     """
 
     name: str
@@ -153,6 +154,7 @@ class RadarMode(ABC):
     squints: bool = True
     all_round: bool = False
     path_parameters: tuple[str, ...] = ()
+    bursts: bool = False
 
     @abstractmethod
     def boresight(

@@ -1,6 +1,7 @@
-"""Circular orbit about the rotating Earth that sees the aim point at given incidence and squint, in the scene frame.
+"""Orbits in the scene frame: a circular one about the rotating Earth, or a path from state vectors.
 
-Satellite path from state vectors: read from a file, interpolated, with time zero when the aim point is seen.
+The circular orbit sees the aim point at given incidence and squint. State vectors are read from a file and
+interpolated, with time zero when the aim point is seen.
 """
 
 from collections.abc import Callable
@@ -60,7 +61,7 @@ class StateVectors:
 
     Notes
     -----
-    Ignores polar motion: the frame is taken as WGS-84's own.
+    Ignores polar motion: the frame is taken as that of WGS-84.
     """
 
     time: F64
@@ -242,7 +243,7 @@ class EphemerisPath(FlightPath):
     vectors : of the satellite
     anchor : of the file's frame
     offset : (3,) float64, m; scene frame = file frame - offset
-    middle : s, on the vectors' own time, at mid-aperture
+    middle : s, on the vectors' time, at mid-aperture
     """
 
     vectors: StateVectors
@@ -450,7 +451,7 @@ def circular_orbit(wanted: OrbitRequest, anchor: Anchor, aim: F64, where: str = 
 
     Notes
     -----
-    Incidence is counted from the frame's own z axis, which is the ellipsoid's normal at the anchor. The squint angle is
+    Incidence is counted from the frame's z axis, which is the ellipsoid's normal at the anchor. The squint angle is
     that between the line of sight and the plane square to the Earth-fixed velocity; 0 is zero Doppler.
     """
     found = _Candidates(wanted, anchor, aim).orbits()

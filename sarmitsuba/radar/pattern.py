@@ -1,6 +1,6 @@
 """Antenna patterns: relative one-way power gain over direction, from a few numbers or from tables.
 
-Measured antenna pattern: two cuts, their beamwidths, and their interpolation nodes in kernels.
+A measured pattern is two cuts, with their beamwidths and their interpolation nodes in kernels.
 """
 
 from abc import ABC, abstractmethod
@@ -117,7 +117,7 @@ class PatternTable:
 
     @property
     def numbers(self) -> tuple[float | F64, ...]:
-        """What :class:`sarmitsuba.radar.patterns.table.Table` looks up: four numbers of each cut."""
+        """Numbers that the pattern ``table`` looks up: four of each cut."""
         return tuple(number for cut in self.cuts for number in cut.numbers)
 
     @staticmethod
@@ -125,7 +125,7 @@ class PatternTable:
         """Read one line per angle: ``cut, angle_deg, gain_db``, cut ``azimuth`` or ``elevation``.
 
         Commas separate, ``#`` begins a comment, and the first line may be a header. The gain is one way, and counts
-        from each cut's own peak.
+        from each cut's peak.
 
         Raises
         ------

@@ -43,6 +43,27 @@ class ReceiveWindow:
         return self.n_samples * self.sample_spacing
 
 
+@dataclass(frozen=True)
+class Burst:
+    """Place of a burst among the others, in the modes that have them.
+
+    Parameters
+    ----------
+    sub_swath, sub_swaths : its sub-swath, and all, in the order of their bursts
+    number : 0 about the aim point
+    middle : s, time of its middle; zero is when the aim point is at zero Doppler
+    cycle : s, from a burst to the next of the same sub-swath
+    steering_rate : rad/s, turn of the beam, positive forward
+    """
+
+    sub_swath: str
+    sub_swaths: tuple[str, ...]
+    number: int
+    middle: float
+    cycle: float
+    steering_rate: float
+
+
 @dataclass(frozen=True, eq=False)
 class Radar:
     """The sensor with all parameters for simulation and focusing.
@@ -69,6 +90,7 @@ class Radar:
     delay : (n_pulses,) float64, s, from transmission to reception, where antennas move on meanwhile: ``receiver`` then
         has the positions after that delay; None: start-stop, antennas at rest during a pulse
     anchor : place on the Earth of the origin of the frame of the user's file
+    burst : that the pulses are; None for modes without bursts
     """
 
     mode: str
@@ -91,6 +113,7 @@ class Radar:
     receiver_pointing: Pointing | None = None
     delay: F64 | None = None
     anchor: Anchor = field(default_factory=Anchor)
+    burst: Burst | None = None
 
     def __post_init__(self) -> None:
         if self.receiver is not None and self.receiver.n_pulses != self.track.n_pulses:

@@ -1,7 +1,4 @@
-"""Separate receiver of bistatic data: on the same platform or on another.
-
-Motion of the antenna between transmission and reception of a pulse.
-"""
+"""Receiver of bistatic data, on the same platform or another; motion of an antenna until an echo is received."""
 
 from dataclasses import replace
 from pathlib import Path

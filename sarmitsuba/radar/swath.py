@@ -1,8 +1,7 @@
 """Swath of the radar: the image's box, its slant ranges and Doppler bandwidth, the receive window.
 
-Coverage of the scene by image and beam, and ambiguities.
-
-Footprint of the beam: its half-power outline at a pulse, and the points that it illuminates over the track.
+The footprint of the beam is its half-power outline at a pulse, or over the track. Coverage of the scene by image and
+beam, and ambiguities, follow.
 """
 
 from collections.abc import Sequence

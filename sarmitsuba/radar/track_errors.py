@@ -1,10 +1,7 @@
-"""Errors of track and pointing: recorded track, pointing errors, coloured random series.
+"""Errors of track and pointing, unknown to the focuser, and coloured random series for them.
 
-Recorded track, which the focuser uses: read from a file, or the flown track with an error model.
-
-Pointing errors: true beam direction against the nominal one that the focuser uses.
-
-Coloured random errors: series of a given rms and power spectrum.
+The focuser uses the recorded track: read from a file, or the flown track with an error model. Pointing errors turn the
+true beam against the nominal one. A series has a given rms and power spectrum.
 """
 
 from dataclasses import dataclass, replace

@@ -1,7 +1,4 @@
-"""Transmitted waveform: a linear frequency-modulated pulse.
-
-Radar band letters and a usual frequency of each.
-"""
+"""Transmitted waveform, a linear frequency-modulated pulse; letters of radar bands with a usual frequency of each."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

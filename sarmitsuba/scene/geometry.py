@@ -11,6 +11,9 @@ from sarmitsuba.core.arrays import F64, I32, I64
 from sarmitsuba.scene.mesh.flat_parts import join_flat_parts
 from sarmitsuba.scene.motion import STILL, Motion
 
+# parts of one object are meshes that share what stands before this in their names: "house 7/walls", "house 7/roofs"
+PART_MARK = "/"
+
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
@@ -54,6 +57,45 @@ class Geometry:
     def face_mesh(self) -> I64:
         """(n_faces,) mesh of each face."""
         return np.searchsorted(self.mesh_face_offset, np.arange(self.n_faces), side="right") - 1
+
+    @cached_property
+    def _objects(self) -> tuple[tuple[str, ...], I64]:
+        """Names of objects in the order of their first meshes, and the object of each mesh."""
+        number: dict[tuple[str, int], int] = {}
+        of_mesh = []
+        for i, name in enumerate(self.mesh_names):
+            whole, mark, part = name.rpartition(PART_MARK)
+            key = (whole, -1) if mark and whole and part else (name, i)
+            of_mesh.append(number.setdefault(key, len(number)))
+        return tuple(name for name, _ in number), np.array(of_mesh, dtype=np.int64)
+
+    @property
+    def object_names(self) -> tuple[str, ...]:
+        """Names of objects: meshes, those named ``OBJECT/PART`` joined to one."""
+        return self._objects[0]
+
+    @property
+    def mesh_object(self) -> I64:
+        """(n_meshes,) object of each mesh."""
+        return self._objects[1]
+
+    @property
+    def face_object(self) -> I64:
+        """(n_faces,) object of each face."""
+        return self.mesh_object[self.face_mesh] if self.n_faces else np.zeros(0, dtype=np.int64)
+
+    @cached_property
+    def _faces_by_object(self) -> tuple[I64, I64]:
+        """Faces in the order of their objects, and the first of each object, with the end."""
+        of_face = self.face_object
+        order = np.argsort(of_face, kind="stable")
+        count = np.bincount(of_face, minlength=len(self.object_names))
+        return order.astype(np.int64), np.concatenate([[0], np.cumsum(count)])
+
+    def faces_of_object(self, number: int) -> I64:
+        """Faces of an object, in their order."""
+        order, first = self._faces_by_object
+        return order[first[number] : first[number + 1]]
 
     @cached_property
     def flat_parts(self) -> tuple[F64, I64]:

@@ -1,6 +1,6 @@
 """Ground that goes on beyond the rim of its mesh, so that the rim returns no echo.
 
-Outline of level ground: the sides at which the level faces of a scene, of one mesh or of several, end outwards.
+The outline of level ground is the sides at which level faces end outwards, of one mesh or of several.
 """
 
 from dataclasses import dataclass, fields, replace

@@ -1,4 +1,4 @@
-"""Facets of round metal bodies: how far they lie off the smooth surface, and what that changes."""
+"""Facets of round metal bodies: their distance from the smooth surface, and its effect."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

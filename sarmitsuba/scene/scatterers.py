@@ -1,4 +1,4 @@
-"""Scatterers beside the meshes of a scene: what every kind of them states, and the scatterers of a user's own kinds."""
+"""Scatterers beside the meshes of a scene: the statements of every kind, and the scatterers of extensions' kinds."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -62,7 +62,7 @@ class ScattererKind:
 
     Attributes
     ----------
-    name : of the bsdf in scene files; of a user's own kinds on a `sphere` whose centre and axes are the scatterer's
+    name : of the bsdf in scene files; of extensions' kinds on a `sphere` whose centre and axes are the scatterer's
     title : half a sentence
     parameters : of the bsdf, numbers
     hints : remedies for names of parameters that do not apply
@@ -93,7 +93,7 @@ class ScattererKind:
 
     @property
     def states_frequencies(self) -> bool:
-        """Whether a class or instance of its own sets ``frequencies``."""
+        """Whether a class or instance itself sets ``frequencies``."""
         return any(
             "frequencies" in vars(part) for part in (self, *type(self).__mro__) if part is not ScattererKind
         )
@@ -124,7 +124,7 @@ SCATTERERS: Registry[ScattererKind] = Registry(
 
 
 def is_own(target: Target) -> bool:
-    """Whether a target is of a kind of a user's own."""
+    """Whether a target is of an extension's kind."""
     return target.kind not in SCATTERERS.own_names
 
 
@@ -148,7 +148,7 @@ def joined_rows(rows: Iterable[F64], empty: tuple[int, ...]) -> F64:
 
 @dataclass(frozen=True, eq=False)
 class ScattererTarget:
-    """One scatterer of a kind of a user's own; no ray hits it, and it casts no shadow.
+    """One scatterer of an extension's kind; no ray hits it, and it casts no shadow.
 
     Parameters
     ----------

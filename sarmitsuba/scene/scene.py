@@ -34,7 +34,7 @@ class Scene:
         5 km, or 500 m and twenty times its own size, from the file's origin; whole metres then
     notes : one line each: assumptions and repairs made while loading
     description : parameters that radar and film were made from; None where they were not made from any
-    scatterers : beside the meshes: wires, volumes that waves go through, and kinds of a user's own, in the order of
+    scatterers : beside the meshes: wires, volumes that waves go through, and extensions' kinds, in the order of
         their kinds
     """
 

@@ -11,7 +11,7 @@ from sarmitsuba.scene.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class SceneSummary:
-    """What a scene holds and how it is seen; ``str`` of it is one line per fact.
+    """Content and view of a scene; ``str`` of it is one line per fact.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ from sarmitsuba.scene.materials.material import Material
 
 @dataclass(frozen=True, eq=False)
 class VisibleFaces:
-    """Triangles that waves meet, flat parts in as few as they need: what is said of them depends on no cut.
+    """Triangles that waves meet, flat parts in as few as they need: statements depend on no cut.
 
     Parameters
     ----------

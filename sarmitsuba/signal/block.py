@@ -1,8 +1,7 @@
 """Block synthesis: paths are added once to a (range, range rate) grid, from which all K pulses are computed.
 
-Azimuth pattern of every pulse on a grid over range rates, and the cell size that it needs.
-
-Curvature of slant ranges within a block of pulses, fitted to the track's geometry.
+Curvature of slant ranges within a block is fitted to the track's geometry. Every pulse has its azimuth pattern, as a
+function of the range rate, for which the grid's cells are small enough.
 """
 
 from dataclasses import dataclass
@@ -577,7 +576,7 @@ def spread_reference(
     range_rate: F64,
     amplitude: NDArray[np.complexfloating],
 ) -> C64:
-    """Spread paths in NumPy: what the tracing kernel does, for tests and small jobs.
+    """Spread paths in NumPy as the tracing kernel does, for tests and small jobs.
 
     Parameters
     ----------

@@ -124,7 +124,7 @@ def plan_direct(
 def spread_reference(
     plan: DirectPlan, radar: Radar, slant_range: F64, amplitude: NDArray[np.complexfloating]
 ) -> C64:
-    """Spread paths in NumPy: what the tracing kernel does, for tests and small jobs.
+    """Spread paths in NumPy as the tracing kernel does, for tests and small jobs.
 
     Parameters
     ----------

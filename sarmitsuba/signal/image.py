@@ -1,14 +1,7 @@
 """Focused complex image: pixel grid, bounds, shown axes, averages, radiometric quantities.
 
-Focused complex image and its pixel grid.
-
-Bounds of an image's grid and calibration, checked for every file before use.
-
-Coordinates along the axes of a picture: of the scene, or of the radar.
-
-Means of neighbouring pixels: over adjacent blocks, or over a window centred on every pixel.
-
-Radiometric quantities of a calibrated image, and calibration against a target of known RCS.
+Grid and calibration are checked for every file before use. Axes are coordinates of the scene or of the radar; averages
+are over adjacent blocks or a centred window. Images are calibrated against a target of known RCS.
 """
 
 from collections.abc import Mapping
@@ -189,6 +182,7 @@ class SarImage:
         range
     incidence_angle : (n_range,) float64, rad, at mid-aperture on the grid's plane; converts RCS to sigma0
     metadata : values for JSON
+    parts : images of the bursts that this is the mosaic of; not stored in files but those that keep bursts apart
 
     Notes
     -----
@@ -204,6 +198,7 @@ class SarImage:
     range_resolution_cell: float
     incidence_angle: F64
     metadata: Mapping[str, Any] = field(default_factory=dict)
+    parts: tuple["SarImage", ...] = ()
 
     def __repr__(self) -> str:
         grid = self.grid
@@ -342,7 +337,7 @@ class Multilook:
     azimuth, range : float64, m, centres of the blocks on the image's axes
     channel, quantity : polarisation; ``sigma0``, or ``rcs`` in m^2
     calibrated : whether the quantity's unit holds, see `SarImage.calibrated`
-    grid : of the image, for pictures in coordinates of the scene; None: pictures have the image's own axes
+    grid : of the image, for pictures in coordinates of the scene; None: pictures have the image's axes
     """
 
     power: F64
@@ -447,7 +442,7 @@ class ShownAxes:
     .. math:: \text{across} = s_r\,\hat r \cdot P, \qquad \text{up} = s_a\,\hat a \cdot P
 
     If an axis is parallel to x or y of the scene, its sign s makes the shown number that coordinate; otherwise s = 1
-    and the number counts from the scene's origin (0, 0) along the axis. In the frame ``radar`` the grid's own
+    and the number counts from the scene's origin (0, 0) along the axis. In the frame ``radar`` the grid's
     coordinates are shown.
 
     Parameters

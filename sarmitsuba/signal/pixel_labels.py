@@ -79,7 +79,7 @@ class Labels:
     grid : of the image
     layers : by name
     instances : shapes in the image, by number
-    notes : what the labels leave out, a line each
+    notes : parts that the labels leave out, a line each
     """
 
     grid: ImageGrid

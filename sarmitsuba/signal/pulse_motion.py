@@ -8,9 +8,9 @@ phase of the range h:
 
 .. math:: e = r + \kappa \dot r, \quad h = r + \frac{\dot r}{c} (e - R_0), \quad \kappa = \frac{f_c T_p}{B}
 
-The phase's part :math:`\kappa \dot r^2 / c` is :math:`\pi f_D^2 / \gamma`, the chirp's own at the shifted instant.
+The phase's part :math:`\kappa \dot r^2 / c` is :math:`\pi f_D^2 / \gamma`, the chirp's at the shifted instant.
 
-What this ignores: that the chirp itself is stretched by :math:`2 \dot r / c`, which leaves a quadratic phase of at most
+This ignores that the chirp itself is stretched by :math:`2 \dot r / c`, which leaves a quadratic phase of at most
 :math:`\pi B T_p \dot r / c` at its ends; that the band is shifted by f_D; and accelerations within the pulse.
 
 References

@@ -1,6 +1,6 @@
 """Raw data: the recorded echoes of all pulses, with the parameters needed to focus them.
 
-Autofocus records: a provider's corrections of range and phase, pulse by pulse, delivered with the data.
+Data from providers may have an autofocus record: corrections of range and phase, pulse by pulse.
 """
 
 from collections.abc import Mapping, Sequence

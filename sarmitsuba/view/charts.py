@@ -1,20 +1,7 @@
-"""Charts: account of an image, error against time, curves against a reference, echoes, focusers, fits, responses.
+"""Charts: account of an image, error against time, curves against a reference, echoes, focusers, fits, image quality.
 
-Bar charts of the account of an image: error by cause and seconds by stage.
-
-Plots of error against time.
-
-Plots of curves against their reference: reference as a line, measured values as points, deviation below.
-
-Picture of raw data: level of the echoes over range or fast time and pulse.
-
-Images of all focusers side by side, with their differences from the reference.
-
-Picture of a fit: measured data, model, and what the model leaves of them.
-
-Images of one grid side by side, each with its title, scale and colour bar.
-
-Picture of image quality: points, areas and impulse responses.
+References are lines, measured values points, deviations below. Images of one grid are side by side, each with its
+title, scale and colour bar, or with its difference from the reference.
 """
 
 import math
@@ -28,11 +15,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
+from matplotlib.textpath import TextPath
 from numpy.typing import NDArray
 
 from sarmitsuba.analysis.account import Account, likely_total_db
 from sarmitsuba.analysis.carrier import Carrier
-from sarmitsuba.analysis.error_budget import BOUND, LAW, MEASURED, ErrorPart
+from sarmitsuba.analysis.error_budget import BOUND, LAW, MEASURED, NONE_DB, ErrorPart
 from sarmitsuba.analysis.image_quality import QualityReport
 from sarmitsuba.analysis.point_quality import PointQuality
 from sarmitsuba.core.arrays import F64
@@ -42,7 +30,7 @@ from sarmitsuba.machine.atomic import atomic_path
 from sarmitsuba.signal.focusing.comparison import FocuserResult
 from sarmitsuba.signal.image import SarImage, ShownAxes
 from sarmitsuba.signal.raw_data import Layer, RawData
-from sarmitsuba.view.display import LARGEST, PictureOptions, prepare
+from sarmitsuba.view.display import LARGEST, PictureOptions, prepare, quantity_label
 from sarmitsuba.view.figure import Figure
 from sarmitsuba.view.quicklook import draw
 
@@ -50,10 +38,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-_LETTER = 6.0  # mean width of a letter of the values, pixels
 _DPI = 100.0
 # screen pixels: of a bar, around the bars, and of the names
 _ROW, _TOP, _BOTTOM, _NAMES, _BARS, _VALUES, _LINE = 22, 34, 46, 124, 190, 350, 15
+_GAP = 16  # between the values and the names of the stages, screen pixels
 _LETTERS = 190  # of a line below the charts
 _WALL, _PROCESSOR = "#8c5a1c", "#e3c08f"
 # by kind of figure: a law, which nothing in this run confirmed, is grey; a measurement that contradicts its law is red
@@ -65,7 +53,7 @@ _LEAST = 0.01
 
 
 def account_figure(account: Account, title: str = "") -> Figure:
-    """Two charts: what the error is made of, and where the time went.
+    """Two charts: parts of the error, and parts of the time.
 
     Parameters
     ----------
@@ -85,8 +73,8 @@ def account_figure(account: Account, title: str = "") -> Figure:
     ]
     foot = _BOTTOM + _LINE * len(notes)
     likely = likely_total_db(account.parts)
-    longest = max((len(_value(part, _share(part, likely))) for part in account.parts), default=0)
-    starts = (0.0, _NAMES + _BARS + max(_VALUES, _LETTER * longest))
+    longest = max((_text_width(_value(part, _share(part, likely))) for part in account.parts), default=0.0)
+    starts = (0.0, _NAMES + _BARS + max(_VALUES, longest + _GAP))
     width, height = starts[1] + _NAMES + _BARS + _VALUES, _TOP + _ROW * rows + foot
     figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
     left, right = (
@@ -103,7 +91,7 @@ def account_figure(account: Account, title: str = "") -> Figure:
     _errors(left, account)
     _times(right, stages)
     total = "none known"
-    if math.isfinite(account.total_db):
+    if math.isfinite(account.total_db) and account.total_db > NONE_DB:
         total = f"{account.total_db:.1f} dB of the image ({account.kind})"
     figure.text(8 / width, 1 - 18 / height, f"{title}error by cause: {total}", fontsize=9, parse_math=False)
     elapsed = sum(stage[1] for stage in stages)
@@ -117,6 +105,11 @@ def account_figure(account: Account, title: str = "") -> Figure:
     for i, line in enumerate(reversed(notes)):
         figure.text(8 / width, (6 + _LINE * i) / height, line, fontsize=_SMALL, parse_math=False)
     return figure
+
+
+def _text_width(text: str) -> float:
+    """Width of a small text, screen pixels."""
+    return float(TextPath((0.0, 0.0), text, size=_SMALL).get_extents().width) * _DPI / 72.0
 
 
 def _errors(axes: Axes, account: Account) -> None:
@@ -227,7 +220,7 @@ def cost_figure(
 def depth_figure(
     errors_db: Sequence[float], energies_db: Sequence[float], seconds: Sequence[float], title: str
 ) -> Figure:
-    """Plot what each bounce adds to an image and what it costs, from the first bounce on.
+    """Plot the contribution of each bounce to an image and its cost, from the first bounce on.
 
     Parameters
     ----------
@@ -545,44 +538,51 @@ def quality_figure(image: SarImage, report: QualityReport, frame: str | None = N
     """
     shown = report.points[:_MOST_POINTS]
     figure = Figure(
-        figsize=(6.0 + (4.5 if shown else 0.0), max(5.0, 1.7 * len(shown))), dpi=100, layout="constrained"
+        figsize=(6.6 + (4.8 if shown else 0.0), max(5.0, 1.7 * len(shown))), dpi=100, layout="constrained"
     )
     grid = figure.add_gridspec(
         max(len(shown), 1), 3 if shown else 1, width_ratios=[2, 1, 1] if shown else [1]
     )
     axes = figure.add_subplot(grid[:, 0])
-    draw(image, axes, PictureOptions(channel=report.channel, axes=frame))
+    options = PictureOptions(channel=report.channel, axes=frame)
+    bar = figure.colorbar(draw(image, axes, options), ax=axes, fraction=0.046, pad=0.02)
+    bar.set_label(quantity_label(image, options.quantity), fontsize=8)
+    bar.ax.tick_params(labelsize=7)
     shown_axes = ShownAxes.of(image.grid, frame)
     for point in report.points:
         across, up = shown_axes.shown(point.azimuth, point.range)
         place = (float(across), float(up))
         axes.plot(*place, "o", markersize=9, markerfacecolor="none", color="tab:red")
-        axes.annotate(
-            point.name,
-            place,
-            xytext=(6, 6),
-            textcoords="offset points",
-            color="tab:red",
-            fontsize=7,
-            parse_math=False,
-        )
+        _mark(axes, point.name, place, "tab:red")
     for area in report.areas:
         x, y = shown_axes.shown(np.array(area.azimuth), np.array(area.range))
         corner, size = (float(x[0]), float(y[0])), (float(np.diff(x)[0]), float(np.diff(y)[0]))
         axes.add_patch(Rectangle(corner, *size, fill=False, color="tab:blue"))
-        axes.annotate(
-            f"{area.name}: ENL {area.enl:.2f}",
-            corner,
-            xytext=(2, 3),
-            textcoords="offset points",
-            color="tab:blue",
-            fontsize=7,
-            parse_math=False,
-        )
+        middle = (corner[0] + 0.5 * size[0], corner[1] + 0.5 * size[1])
+        _mark(axes, f"{area.name}: ENL {area.enl:.2f}", middle, "tab:blue")
     for i, point in enumerate(shown):
         for column, axis in ((1, "azimuth"), (2, "range")):
             _response(figure.add_subplot(grid[i, column]), image, report.channel, point, axis)
     return figure
+
+
+def _mark(axes: Axes, text: str, place: tuple[float, float], colour: str) -> None:
+    """Write a name beside a place, on the side that has more room within the axes."""
+    sides = []
+    for value, (first, last) in zip(place, (axes.get_xlim(), axes.get_ylim()), strict=True):
+        sides.append(-1 if (value - first) / (last - first) > 0.5 else 1)
+    axes.annotate(
+        text,
+        place,
+        xytext=(8 * sides[0], 8 * sides[1]),
+        textcoords="offset points",
+        ha="left" if sides[0] > 0 else "right",
+        va="bottom" if sides[1] > 0 else "top",
+        color=colour,
+        fontsize=7,
+        parse_math=False,
+        bbox={"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1.0},
+    )
 
 
 def _response(axes: Axes, image: SarImage, channel: str, point: PointQuality, axis: str) -> None:

@@ -56,6 +56,11 @@ _SPECKLE_BLOCK, _SPECKLE_CONTRAST, _SPECKLE_SHARE = 12, 1.6, 0.985
 _LEAST_BLOCKS, _MOST_LOOKS, _LEAST_SPAN_DB = 200, 12, 10.0
 # share of the picture that may be white over clutter: facades of a dense city take 2 %, lines of side lobes 13 %
 _MOST_WHITE = 0.15
+# share of white pixels, and their level over what was taken for clutter, from which on that is side lobes of a body:
+# walls and roofs lie 10 to 25 dB above clutter, side lobes 35 dB below a body and more
+_LONE_BODY, _LONE_BODY_DB = 0.02, 30.0
+# dB about its level within which nine tenths of clutter lie; side lobes are spread more widely
+_ALIKE_DB = 10.0
 
 
 @dataclass(frozen=True)
@@ -213,8 +218,9 @@ def limits_db(values_db: F64, span_db: float = 50.0, *, clutter: bool | None = N
 
     For clutter the scale is relative to the clutter's level, independent of the area in shadow or outside the scene and
     of bright corners. White is at most the 99.9th percentile. For targets alone white is that percentile and black
-    ``span_db`` below, as where what looks like clutter lies 80 dB below the brightest pixel. Where more than 15 % of
-    the pixels would be white, what was taken for clutter is the side lobes around a body, and white is the 98th
+    ``span_db`` below, as where what looks like clutter lies 80 dB below the brightest pixel. Where 2 % of the
+    pixels would be white and lie 30 dB above it, and most others are unlike it, what was taken for clutter is the side
+    lobes around a body, and the scale is that of targets. Where more than 15 % would be white, white is the 98th
     percentile. Pixels at -inf are ignored; without any finite pixel white is 0 dB.
 
     Parameters
@@ -231,7 +237,11 @@ def limits_db(values_db: F64, span_db: float = 50.0, *, clutter: bool | None = N
     if level is None:
         return top - span_db, top
     white = level + (1.0 - _CLUTTER_AT) * span_db
-    if np.mean(finite > white) > _MOST_WHITE:
+    bright = finite > white
+    alike = np.mean(np.abs(finite - level) < _ALIKE_DB)
+    if np.mean(bright) > _LONE_BODY and np.median(finite[bright]) - level > _LONE_BODY_DB and alike < 0.5:
+        return top - span_db, top
+    if np.mean(bright) > _MOST_WHITE:
         white = float(np.percentile(finite, 98.0))
         return white - span_db, white
     return level - _CLUTTER_AT * span_db, min(top, white)

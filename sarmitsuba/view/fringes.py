@@ -13,7 +13,7 @@ from sarmitsuba.analysis.interferometry import HeightMap, Interferogram
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.signal.image import ShownAxes
-from sarmitsuba.view.figure import Figure
+from sarmitsuba.view.figure import Figure, RoomyTicks
 
 _CYCLIC = "hsv"
 # brightness of the fringes: amplitude of black below white, dB; percentile of white
@@ -49,7 +49,7 @@ def interferogram_figure(pair: Interferogram, map_: HeightMap | None = None, *, 
         axes.set_xlabel(shown.range_label)
         axes.ticklabel_format(useOffset=False, style="plain")
         axes.tick_params(labelsize=8)
-        axes.locator_params(axis="x", nbins=5)
+        axes.xaxis.set_major_locator(RoomyTicks())
         if axes.get_subplotspec().is_first_col():
             axes.set_ylabel(shown.azimuth_label)
     b = pair.baseline
@@ -94,7 +94,7 @@ def _heights(figure: Figure, axes: Axes, pair: Interferogram, map_: HeightMap) -
     shown = _show(axes, pair, z, cmap="viridis", vmin=float(low), vmax=float(high))
     figure.colorbar(shown, ax=axes, shrink=0.8)
     axes.set_title(
-        f"height (m); grey: dark, or coherence below {LEAST_COHERENCE:g}", fontsize=9, parse_math=False
+        f"height (m)\ngrey: dark, or coherence below {LEAST_COHERENCE:g}", fontsize=9, parse_math=False
     )
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
+from PIL import Image
 
 from sarmitsuba.core.arrays import U8
 from sarmitsuba.core.errors import DataError
@@ -106,9 +106,10 @@ def _colour(layer: str, place: int, code: int) -> tuple[float, float, float]:
 
 
 def write_mask(path: Path | str, labels: Labels, layer: str) -> None:
-    """Write a layer of codes as a grey PNG of one pixel for each of the image: 8 bits, or 16 for codes above 255.
+    """Write a layer of codes as a PNG of one pixel for each of the image.
 
-    Rows are azimuth, the earliest on top; columns are range, the nearest on the left.
+    Codes up to 255 are the pixels of a palette, whose colours are those of :func:`draw_labels`; larger ones are grey
+    values of 16 bits. Rows are azimuth, the earliest on top; columns are range, the nearest on the left.
 
     Raises
     ------
@@ -117,8 +118,15 @@ def write_mask(path: Path | str, labels: Labels, layer: str) -> None:
     values = _codes(labels, layer).values
     if values.size and (values.min() < 0 or values.max() > 0xFFFF):
         raise DataError(f"labels: layer {layer}: a code is outside 0 ... 65535, which PNG files can hold")
-    wide = values.size > 0 and values.max() > 0xFF
-    _write_grey(path, values.astype(np.uint16 if wide else np.uint8))
+    if values.size and values.max() > 0xFF:
+        _write_png(path, Image.fromarray(values.astype(np.uint16)))
+        return
+    palette = np.zeros((256, 3), np.uint8)
+    for place, code in enumerate(np.unique(values)):
+        palette[code] = 255.0 * np.array(_colour(layer, place, int(code))) if code else 0.0
+    picture = Image.fromarray(values.astype(np.uint8))
+    picture.putpalette(palette.tobytes())
+    _write_png(path, picture)
 
 
 def write_pixels(path: Path | str, image: SarImage) -> None:
@@ -126,12 +134,9 @@ def write_pixels(path: Path | str, image: SarImage) -> None:
     decibels = image.to_db()
     black, white = limits_db(decibels)
     shown: U8 = np.round(255.0 * np.clip((decibels - black) / (white - black), 0.0, 1.0)).astype(np.uint8)
-    _write_grey(path, shown)
+    _write_png(path, Image.fromarray(shown))
 
 
-def _write_grey(path: Path | str, values: NDArray[np.generic]) -> None:
-    """Write grey pixels as PNG."""
-    from PIL import Image
-
+def _write_png(path: Path | str, picture: Image.Image) -> None:
     with atomic_path(path) as temporary:
-        Image.fromarray(values).save(temporary, format="PNG")
+        picture.save(temporary, format="PNG")

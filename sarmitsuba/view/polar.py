@@ -15,6 +15,8 @@ from sarmitsuba.view.figure import Figure
 POLAR_FROM = 90.0
 # curves weaker than the strongest by more than this are not drawn, dB
 SPAN_DB = 60.0
+# radius of the hole in the middle of polar axes, over the length of the scale
+_HOLE = 0.25
 # size of the note below the panels, points, and its letters an inch, with a margin
 _NOTE_SIZE, _LETTERS = 7.5, 16
 
@@ -88,6 +90,7 @@ def aspect_figure(
         axes.tick_params(labelsize=8)
         axes.grid(True, linewidth=0.3)
         if isinstance(axes, PolarAxes):
+            axes.set_rorigin(top - (1.0 + _HOLE) * span_db)
             axes.set_rlabel_position(67.5)
         else:
             axes.set_xlabel(f"{swept} (deg)", fontsize=9)

@@ -1,5 +1,7 @@
 """Pictures of polarimetry: colour composites, maps of H, A and alpha, and the entropy-alpha plane."""
 
+import textwrap
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
@@ -13,7 +15,7 @@ from sarmitsuba.analysis.polarimetry import (
 )
 from sarmitsuba.core.arrays import F64, U8
 from sarmitsuba.signal.image import SarImage, ShownAxes
-from sarmitsuba.view.figure import Figure
+from sarmitsuba.view.figure import Figure, RoomyTicks
 
 _ZONE_PLACES = {1: (0.95, 72.0), 2: (0.95, 47.0), 4: (0.7, 80.0), 5: (0.7, 45.0), 6: (0.7, 10.0)} | {
     7: (0.25, 80.0),
@@ -22,6 +24,8 @@ _ZONE_PLACES = {1: (0.95, 72.0), 2: (0.95, 47.0), 4: (0.7, 80.0), 5: (0.7, 45.0)
 }
 # longer side of a map, inches
 _LONGEST, _LONGEST_OF_SEVERAL = 7.0, 4.3
+# letters an inch of a title of 8 points, with a margin
+_LETTERS = 14
 
 
 def composite_figure(image: SarImage, colours: U8, looks: tuple[int, int], title: str, legend: str) -> Figure:
@@ -44,8 +48,10 @@ def composite_figure(image: SarImage, colours: U8, looks: tuple[int, int], title
     )
     _labels(axes, image)
     first = str(image.metadata.get("scene", ""))
-    law = f"{legend}\nbrightness: {SPAN_DB:g} dB of the sum,  blocks of {looks[0]} x {looks[1]} pixels"
-    axes.set_title("\n".join(line for line in (first, title, law) if line), fontsize=8, parse_math=False)
+    brightness = f"brightness: {SPAN_DB:g} dB of the sum,  blocks of {looks[0]} x {looks[1]} pixels"
+    letters = int(_LETTERS * figure.get_figwidth())
+    lines = [part for line in (first, title, legend, brightness) for part in textwrap.wrap(line, letters)]
+    figure.suptitle("\n".join(lines), fontsize=8, parse_math=False)
     return figure
 
 
@@ -134,7 +140,7 @@ def _figure(image: SarImage, panels: int) -> Figure:
     extents = np.array(image.grid.shape) * (image.grid.azimuth_spacing, image.grid.range_spacing)
     height, width = extents / extents.max() * (_LONGEST if panels == 1 else _LONGEST_OF_SEVERAL)
     beside, above = (0.6, 1.0) if panels == 1 else (1.1, 0.9)
-    size = (panels * (max(width, 2.4) + beside), max(height, 2.0) + above)
+    size = (panels * (max(width, 3.2 if panels == 1 else 2.4) + beside), max(height, 2.0) + above)
     return Figure(figsize=size, dpi=110, layout="constrained")
 
 
@@ -144,4 +150,5 @@ def _labels(axes: Axes, image: SarImage) -> None:
     axes.set_ylabel(shown.azimuth_label, fontsize=8)
     axes.ticklabel_format(useOffset=False, style="plain")
     axes.tick_params(labelsize=7)
+    axes.xaxis.set_major_locator(RoomyTicks())
     axes.set_aspect("equal")

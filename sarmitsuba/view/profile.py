@@ -12,7 +12,7 @@ from sarmitsuba.view.display import quantity_label
 from sarmitsuba.view.figure import Figure
 
 
-def cut(
+def cut_profile(
     image: SarImage,
     axis: Literal["range", "azimuth"],
     *,
@@ -53,8 +53,8 @@ def profile(
     quantity: RadiometricQuantity = "rcs",
     span_db: float = 60.0,
 ) -> Figure:
-    """Draw a cut; see :func:`cut`."""
-    position, values, place = cut(image, axis, at=at, channel=channel, quantity=quantity)
+    """Draw a cut; see :func:`cut_profile`."""
+    position, values, place = cut_profile(image, axis, at=at, channel=channel, quantity=quantity)
     other = "azimuth" if axis == "range" else "range"
     figure = Figure(figsize=(8.0, 4.0), dpi=100, layout="constrained")
     axes = figure.add_subplot()

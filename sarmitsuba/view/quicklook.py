@@ -1,8 +1,7 @@
 """Quick-look pictures: by default grey decibels, axes in metres, range to the right, azimuth up, not smoothed.
 
-Scale bar and directions of flight, look, east and north in the margin below a picture.
-
-Optical plan of a scene beside its image: faces seen from above, shaded, on axes of the ground.
+The margin has a scale bar and directions of flight, look, east and north. Beside the image may be an optical plan of
+the scene: faces seen from above, shaded, on axes of the ground.
 """
 
 import dataclasses
@@ -31,7 +30,7 @@ from sarmitsuba.machine.atomic import atomic_path
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.image import ImageGrid, SarImage, ShownAxes
 from sarmitsuba.view.display import LARGEST, SMALLEST, Display, PictureOptions, prepare, screen_size
-from sarmitsuba.view.figure import PACKED, Figure
+from sarmitsuba.view.figure import PACKED, Figure, RoomyTicks
 from sarmitsuba.view.outlines import draw_outlines
 
 _ARROW = {"arrowstyle": "-|>", "color": "black", "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0}
@@ -53,7 +52,7 @@ def draw_north_and_east(figure: matplotlib.figure.Figure, grid: ImageGrid, x: fl
     Seen from a radar that looks to the left, east is to the left of north: with range to the right the picture is
     mirrored.
     """
-    y = 30.0
+    y = 34.0
     for index, name in ((1, "N"), (0, "E")):
         direction = np.array([grid.across[index], grid.along[index]], dtype=np.float64)
         direction /= max(float(np.hypot(*direction)), 1e-12)
@@ -186,7 +185,8 @@ Drawing = Callable[[], Figure]
 
 _DPI = 100.0
 _LARGEST_PANEL, _SMALLEST_PANEL = 700, 360
-_LEFT, _RIGHT, _BOTTOM, _TOP = 90, 130, 62, 74  # screen pixels around a picture: labels, colour bar, title
+_LEFT, _RIGHT, _BOTTOM, _TOP = 90, 130, 74, 74  # screen pixels around a picture: labels, colour bar, title
+_ROOMY = 220  # width from which on numbers below a picture have room
 _NARROWEST = 300  # width needed for the title
 _WINDOWS = ("azimuth_window", "range_window")  # names used by the focusers
 
@@ -212,7 +212,7 @@ def quicklook(
     options : of the picture; None: the defaults
     channel : overrides that in ``options``
     title : first line above the picture; None: the scene's name
-    scene : of the image, needed for what follows
+    scene : of the image, needed for the following
     outlined : draw footprints and laid over upper rims of bodies, see :mod:`sarmitsuba.view.outlines`
     with_plan : draw the scene seen from above, to the same scale, to the right
 
@@ -271,6 +271,7 @@ def draw(image: SarImage, axes: Axes, options: PictureOptions | None = None) -> 
     options = _fill_options(image, options, None)
     picture = _draw(axes, prepare(image, options, LARGEST), image, options)
     axes.set_aspect("equal")
+    axes.xaxis.set_major_locator(RoomyTicks())
     return picture
 
 
@@ -340,10 +341,11 @@ def quicklook_by_order(image: SarImage, options: PictureOptions | None = None, *
     width, height = screen_size(displays[0], _LARGEST_PANEL, _SMALLEST_PANEL)
     columns = min(columns, len(orders))
     rows = -(-len(orders) // columns)
-    step_x, step_y = width + _LEFT - 20, height + _BOTTOM + 20
+    bottom_edge = _BOTTOM + 10  # below it the directions of flight and look
+    step_x, step_y = width + _LEFT - 20, height + bottom_edge + 20
     figure = _figure(columns * step_x + _RIGHT + 20, rows * step_y + 40)
     for i, (order, display) in enumerate(zip(orders, displays, strict=True)):
-        left, bottom = _LEFT - 20 + i % columns * step_x, _BOTTOM - 10 + (rows - 1 - i // columns) * step_y
+        left, bottom = _LEFT - 20 + i % columns * step_x, bottom_edge + (rows - 1 - i // columns) * step_y
         axes = _axes(figure, left, bottom, width, height)
         picture = _draw(axes, display, image, options)
         axes.set_title(
@@ -352,7 +354,7 @@ def quicklook_by_order(image: SarImage, options: PictureOptions | None = None, *
         if i % columns:
             axes.set_ylabel("")
     draw_flight_and_look(figure, str(image.metadata.get("look_side", "")))
-    _colour_bar(figure, picture, columns * step_x + 28, _BOTTOM - 10, height, displays[0].label)
+    _colour_bar(figure, picture, columns * step_x + 28, bottom_edge, height, displays[0].label)
     return figure
 
 
@@ -429,7 +431,10 @@ def _draw(axes: Axes, display: Display, image: SarImage, options: PictureOptions
     axes.set_ylabel(display.axes.azimuth_label, fontsize=9)
     axes.ticklabel_format(useOffset=False, style="plain")
     axes.tick_params(labelsize=8)
-    axes.locator_params(axis="x", nbins=int(np.clip(axes.bbox.width / 110, 1, 8)))
+    if axes.bbox.width < _ROOMY:
+        axes.xaxis.set_major_locator(RoomyTicks())
+    else:
+        axes.locator_params(axis="x", nbins=int(np.clip(axes.bbox.width / 110, 1, 8)))
     axes.locator_params(axis="y", nbins=int(np.clip(axes.bbox.height / 60, 1, 8)))
     return picture
 
@@ -444,7 +449,7 @@ def _colour_bar(
 
 
 def _not_usable(image: SarImage) -> str:
-    """Mark of an image whose rays miss what an image needs, by what was measured; empty for others."""
+    """Mark of an image whose rays miss the tolerance, by the measurement; empty for others."""
     witnesses = image.metadata.get("witnesses")
     rays = Witness.read(witnesses.get("rays")) if isinstance(witnesses, Mapping) else None
     if rays is None or not (rays.useless and rays.law_db > USELESS_DB):

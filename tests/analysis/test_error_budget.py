@@ -173,7 +173,7 @@ def test_a_loose_bound_does_not_outweigh_a_measured_error(
     }
     found = account(replace(image, metadata={**image.metadata, **facts}), {"trace": StageTime(6.0, 10.0)})
     if not advised:  # a loose bound calls for nothing but its measurement
-        assert found.finer is None and "`explain` measures them" in found.advice[0]
+        assert found.finer is None and "`explain --measure` measures them" in found.advice[0]
     else:
         assert found.finer is not None and found.finer.options == f"-D sar_path.{advised}"
         assert found.finer.sum_kind == LAW and str(found.finer).endswith("; law)")

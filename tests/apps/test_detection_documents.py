@@ -69,6 +69,35 @@ def test_masks_of_tiles_come_back(tmp_path: Path, seed: int) -> None:
     assert not documents.documents["train"]["images"]
 
 
+def test_boxes_of_echoes_and_the_bright_energy_outside(tmp_path: Path) -> None:
+    """A body of 16 pixels whose corner shines four columns behind it: a quarter or none of the energy is outside."""
+    shape = np.zeros((20, 20), dtype=np.int32)
+    shape[4:8, 4:8] = 1
+    instance, here = shape.copy(), (shape > 0).astype(np.uint8)
+    instance[5, 3:13] = 1  # side lobes, and the echo itself
+    here[5, 11] = 1
+    image = np.where(shape, 1.0, 0.0)[None]
+    image[0, 5, 11] = np.sqrt(16.0 / 3.0)  # a quarter of the energy, and the brightest
+    label = {
+        "part": "train",
+        "number": 0,
+        "objects": [{"name": "o", "semantic_class": "a", "code": 1, "aspect_deg": 0.0, "box": [None] * 4}],
+        "named_shapes": [],
+    }
+    arrays = {"image": image, "shape": shape, "instance": instance, "instance_here": here}
+    for kind, box, outside in (("shapes", [4, 4, 4, 4], 0.25), ("echoes", [4, 4, 8, 4], 0.0)):
+        path = tmp_path / f"{kind}.toml"
+        path.write_text(f"[images]\npixels_azimuth = 20\npixels_range = 20\n[labels]\nboxes = '{kind}'\n")
+        recipe = read_recipe(path)
+        assert recipe.layers == (("instance", "instance_here") if kind == "echoes" else ())
+        documents = DetectionDocuments(recipe, ("a",))
+        documents.add(SampleRecord(label, arrays), 0)
+        (one,) = documents.documents["train"]["annotations"]
+        assert one["bbox"] == box and one["area"] == (17 if kind == "echoes" else 16)
+        assert documents.outside == [pytest.approx(outside)]
+        assert documents.brightest_outside == (kind == "shapes")
+
+
 def test_boxes_are_cut_at_the_tile(tmp_path: Path) -> None:
     path = tmp_path / "r.toml"
     path.write_text("[images]\npixels_azimuth = 20\npixels_range = 20\n")

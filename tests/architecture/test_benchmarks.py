@@ -12,7 +12,7 @@ from types import ModuleType
 import pytest
 
 ROOT = Path(__file__).parents[2]
-RUN_ALL = ROOT / "benchmarks" / "run_all.py"
+BENCHMARKS = ROOT / "benchmarks"
 
 
 def example() -> str:
@@ -26,7 +26,7 @@ def example() -> str:
 
 def run_all(*arguments: str) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(
-        [sys.executable, str(RUN_ALL), *arguments], capture_output=True, text=True, cwd=ROOT
+        [sys.executable, "-m", "benchmarks.run_all", *arguments], capture_output=True, text=True, cwd=ROOT
     )
 
 
@@ -41,10 +41,9 @@ def test_a_benchmark_of_ones_own_is_given_by_its_path(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def runner(benchmark_script: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+def runner(benchmark_script: Callable[[str], ModuleType]) -> ModuleType:
     """``benchmarks/run_all.py`` with every benchmark of the suite registered."""
-    monkeypatch.syspath_prepend(str(RUN_ALL.parent))
-    module = importlib.import_module("run_all")
+    module = importlib.import_module("benchmarks.run_all")
     benchmark_script("harness").discover()
     return module
 
@@ -71,7 +70,7 @@ def test_every_benchmark_of_the_suite_is_found(
 
 
 def scripts(folder: str) -> list[Path]:
-    return [p for p in sorted((RUN_ALL.parent / folder).glob("*.py")) if not p.stem.startswith("_")]
+    return [p for p in sorted((BENCHMARKS / folder).glob("*.py")) if not p.stem.startswith("_")]
 
 
 def test_folders_hold_what_they_say() -> None:
@@ -80,17 +79,18 @@ def test_folders_hold_what_they_say() -> None:
     assert len(modules) == sum(len(scripts(folder)) for folder in ("suite", "studies", "support"))
     wrong = []
     for name, folder in modules.items():
-        text = (RUN_ALL.parent / folder / f"{name}.py").read_text(encoding="utf-8")
+        text = (BENCHMARKS / folder / f"{name}.py").read_text(encoding="utf-8")
         if ("\n@harness.benchmark\n" in text) != (folder == "suite"):
             wrong.append(f"{folder}/{name}.py: registered benchmarks are the suite")
         if folder == "studies" and '__name__ == "__main__"' not in text:
             wrong.append(f"{folder}/{name}.py does not run by itself")
-        for used in re.findall(r"^\s*(?:import|from) (\w+)\b", text, re.MULTILINE):
-            if modules.get(used, folder) not in {folder, "support"}:
-                wrong.append(f"{folder}/{name}.py imports {used} of {modules[used]}")
-            # a script's own folder is on the search path, the one that all share is put there
-            if folder != "support" and modules.get(used) == "support" and "\nimport _support\n" not in text:
-                wrong.append(f"{folder}/{name}.py imports {used} without _support")
+        wrong += [
+            f"{folder}/{name}.py imports of {used}"
+            for used in re.findall(r"^\s*from benchmarks\.(\w+)", text, re.MULTILINE)
+            if used not in {folder, "support"}
+        ]
+        if "sys.path" in text:
+            wrong.append(f"{folder}/{name}.py changes the search path")
     assert not wrong, "\n".join(sorted(set(wrong)))
 
 

@@ -54,9 +54,16 @@ def test_paths_on_pages_exist() -> None:
 
 
 def test_paths_in_sources_exist() -> None:
-    """Pages, benchmarks and tests that a docstring, a comment or a message sends the reader to."""
+    """Pages, benchmarks and tests that a docstring, a comment, a message or a page sends the reader to."""
     named = re.compile(r"(?<![\w./-])(?:docs|benchmarks|tests)/[\w/]+\.(?:md|py)\b")
+    run = re.compile(r"python -m (benchmarks(?:\.[a-z]\w*)+)(?![.\w])")
     wrong = [
+        f"{path.relative_to(ROOT)}: {name}"
+        for path in (*SOURCES, *PAGES)
+        for name in set(run.findall(text_of(path)))
+        if not (ROOT / f"{name.replace('.', '/')}.py").is_file()
+    ]
+    wrong += [
         f"{path.relative_to(ROOT)}: {name}"
         for path in SOURCES
         for name in set(named.findall(text_of(path))) - PLACEHOLDERS

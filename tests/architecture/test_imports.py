@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[2]
 
 # an importer stands above what it imports; rooms of one line may import each other as long as there is no circle
 FLOORS = (
-    ("", "__main__", "cli", "commands", "extend", "plugins"),
+    ("", "__main__", "cli", "commands", "extend", "gradients", "plugins"),
     ("apps",),
     ("truth",),
     ("view",),

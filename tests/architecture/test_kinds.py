@@ -12,14 +12,28 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 KINDS = "sarmitsuba.tracing.scatterers"
-# folders that nothing else imports, and the bsdf of each
-WHOLE = {"wires": "radar_wire", "volumes": "radar_volume"}
-# closed forms that the kind is validated by, deleted with it
-CHECKS = "sarmitsuba.truth.validation.cases"
+# folders that nothing else imports, the effect of each, and its bsdf where it has one
+WHOLE = {
+    "wires": ("line_scatterers", "radar_wire"),
+    "volumes": ("vegetation", "radar_volume"),
+    "pairs": ("diffuse_pairs", ""),
+    "edges": ("edge_diffraction", ""),
+}
+# modules of the validation that import a kind, deleted with it
+CHECKS = {
+    f"sarmitsuba.truth.validation.{name}": kind
+    for kind, names in {
+        "wires": ("cases.wires",),
+        "pairs": ("cases.courtyards",),
+        "edges": ("cases.diffraction", "cases.full_wave", "full_wave"),
+    }.items()
+    for name in names
+}
 
 RENDER = """
 import importlib, pkgutil, sys, warnings
 import sarmitsuba
+from sarmitsuba.effects.effect import EFFECTS
 from sarmitsuba.scene.scatterers import SCATTERERS
 from sarmitsuba.scene.summary import SceneSummary
 for name in sarmitsuba.__all__:
@@ -27,11 +41,13 @@ for name in sarmitsuba.__all__:
 for module in pkgutil.walk_packages(sarmitsuba.__path__, "sarmitsuba."):
     if not module.name.endswith("__main__"):
         importlib.import_module(module.name)
-assert sys.argv[1] not in SCATTERERS and SCATTERERS.own_names
-assert sys.argv[1] not in sarmitsuba.register_plugins()
+folder, effect, bsdf = sys.argv[1:]
+assert bsdf not in SCATTERERS and SCATTERERS.own_names
+assert bsdf not in sarmitsuba.register_plugins()
+assert effect not in EFFECTS and EFFECTS.own_names
 size = {"range_film.pixels_azimuth": "16", "range_film.pixels_range": "16"}
 scene = sarmitsuba.load_scene("dihedral", parameters=size)
-assert sys.argv[2] not in SceneSummary.of(scene).as_dict()
+assert folder not in SceneSummary.of(scene).as_dict()
 image = sarmitsuba.render(scene, seed=1)
 assert abs(image.data).max() > 0.0
 """
@@ -44,7 +60,8 @@ def test_nobody_imports_a_kind(house: Any) -> None:
         for found in house.imports
         for kind in WHOLE
         if f"{found.target}.".startswith(f"{KINDS}.{kind}.")
-        and not found.source.startswith((f"{KINDS}.{kind}.", f"{CHECKS}.{kind}"))
+        and not found.source.startswith(f"{KINDS}.{kind}.")
+        and CHECKS.get(found.source) != kind
         and (found.source, found.when) != ("sarmitsuba", "typing")
     ]
     assert not wrong, "\n".join(wrong)
@@ -62,15 +79,17 @@ def test_the_part_of_a_kind_in_scenes_needs_no_mitsuba(house: Any) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "bsdf"), WHOLE.items())
-def test_the_folder_of_a_kind_can_be_deleted(kind: str, bsdf: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", WHOLE)
+def test_the_folder_of_a_kind_can_be_deleted(kind: str, tmp_path: Path) -> None:
     for folder in ("sarmitsuba", "plugins"):
         shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
     os.symlink(ROOT / "scenes", tmp_path / "scenes")
     shutil.rmtree(tmp_path / KINDS.replace(".", "/") / kind)
-    (tmp_path / CHECKS.replace(".", "/") / f"{kind}.py").unlink(missing_ok=True)
+    for module, of in CHECKS.items():
+        if of == kind:
+            (tmp_path / f"{module.replace('.', '/')}.py").unlink()
     done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", RENDER, bsdf, kind],
+        [sys.executable, "-W", "ignore", "-c", RENDER, kind, *WHOLE[kind]],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
         capture_output=True,

@@ -385,3 +385,11 @@ def test_the_help_of_every_command_imports_no_library() -> None:
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_values_that_start_with_a_minus_sign_are_told_how_to_be_given(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit):
+        cli.main(["rcs", "trihedral", "--azimuth", "-30:30:1"])
+    assert "a value that starts with a minus sign needs --azimuth=VALUE" in capsys.readouterr().err

@@ -1,6 +1,7 @@
 """The command ``depth``: error, energy and time by number of bounces."""
 
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -46,3 +47,15 @@ def test_images_by_depth_add_up() -> None:
 def test_scenes_without_bounces_are_refused(name: str, changes: dict[str, str], words: str) -> None:
     with pytest.raises(SceneError, match=words):
         study_depth(load_scene(name, parameters=changes), timed=False)
+
+
+def test_one_object_by_mechanism(capsys: pytest.CaptureFixture[str]) -> None:
+    """The corner's triple bounce is 4 pi a^4 / (3 lambda^2) = 36.375 dBsm; a name that is none gets a hint."""
+    assert main(["depth", "trihedral", "--only", "tri*", "--json"]) == 0
+    rows = {row["mechanism"]: row for row in json.loads(capsys.readouterr().out)}
+    assert rows["triple bounce"]["bounces"] == "3"
+    # tol: side lobes beyond the image, and rays of the corner's rims
+    assert 10.0 * math.log10(rows["triple bounce"]["rcs_m2"]) == pytest.approx(36.375, abs=0.2)
+    assert sum(row["rcs_m2"] for row in rows.values()) < 1.01 * rows["triple bounce"]["rcs_m2"]
+    assert main(["depth", "trihedral", "--only", "trihedrel"]) == 2
+    assert 'did you mean "trihedral"?' in capsys.readouterr().err

@@ -159,6 +159,8 @@ def test_masks_are_pixels(tmp_path: Path) -> None:
     write_mask(tmp_path / "mask.png", labels, "mask")
     with Image.open(tmp_path / "mask.png") as picture:
         np.testing.assert_array_equal(np.asarray(picture), labels["mask"])
+        shown = np.asarray(picture.convert("RGB")).reshape(-1, 3)
+        assert len(np.unique(shown, axis=0)) == len(np.unique(labels["mask"]))  # a colour for each code
     labels["shape"][2, 3] = 700
     write_mask(tmp_path / "shape.png", labels, "shape")
     with Image.open(tmp_path / "shape.png") as picture:

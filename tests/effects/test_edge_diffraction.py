@@ -22,7 +22,7 @@ from sarmitsuba.simulation.execution.turntable import Aspects, rcs_sweep
 from sarmitsuba.simulation.planning.pilot import plan_scene
 from sarmitsuba.tracing.kernel.source import PointSource
 from sarmitsuba.tracing.scatterers.edges.diffraction import LONGEST, FringeCurrents, edges_of
-from sarmitsuba.tracing.scatterers.edges.wedge_strips import LEAST
+from sarmitsuba.tracing.scatterers.edges.edge_currents import LEAST
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation import targets
 from tests.support.draws import few_of
@@ -419,7 +419,7 @@ def raw_and_kernels(scene: Scene) -> tuple[C64, set[str]]:
 def test_off_is_as_if_there_were_no_edges() -> None:
     """A scene that leaves edges out by itself, and one that switches them off: no kernel more, the same bits."""
     plate = load_scene("plate")
-    assert not plan_effects(plate).flags.edge_diffraction
+    assert not plan_effects(plate).flags.on("edge_diffraction")
     left_out, switched_off = (raw_and_kernels(s) for s in (plate, plate.replace(edge_diffraction="off")))
     assert np.array_equal(left_out[0], switched_off[0]) and left_out[1] == switched_off[1]
     on, more = raw_and_kernels(plate.replace(edge_diffraction="on"))

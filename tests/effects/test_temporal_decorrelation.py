@@ -19,7 +19,7 @@ from sarmitsuba.signal.noise import noise_generator
 from sarmitsuba.simulation.execution.rcs import monostatic_rcs
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.tracing.kernel.speckle import gaussian, mix
-from sarmitsuba.tracing.scatterers.water.temporal import Age
+from sarmitsuba.tracing.kernel.temporal import Age
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation import targets
 

@@ -216,7 +216,9 @@ def test_images_of_a_fold_alone_have_its_measured_error() -> None:
     fold = SceneMesh(vertices, faces, "pec", "fold")
     for meshes, whole in (([fold], True), ([fold, SceneMesh(*box(0.5, 0.5, 0.5), "pec", "box")], False)):
         scene = build_scene(meshes, radar=radar)
-        flags = replace(plan_effects(scene, warn=False).flags, edge_diffraction=True, multi_bounce=True)
+        flags = replace(
+            plan_effects(scene, warn=False).flags, extra=frozenset({"edge_diffraction"}), multi_bounce=True
+        )
         theory_of_image = image_theory(scene, flags)
         measured = theory_witness(theory_of_image)
         assert bool(measured) == whole and "fold" in theory_of_image

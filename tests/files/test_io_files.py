@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import textwrap
+import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -19,7 +20,7 @@ from matplotlib.image import imread
 
 import sarmitsuba
 from sarmitsuba.core.errors import DataError, OutputError
-from sarmitsuba.files import read_image, read_raw, write_image, write_raw
+from sarmitsuba.files import hdf5_file, read_image, read_raw, write_image, write_raw
 from sarmitsuba.files.formats import FORMATS, FileFormat, find_format
 from sarmitsuba.files.table_file import read_table
 from sarmitsuba.machine import output as parameter_file
@@ -608,3 +609,27 @@ def test_whole_numbers_beyond_64_bits_are_floats(suffix: str, tmp_path: Path) ->
     assert (table["most"], table["least"]) == (2**64 - 1, -(2**63))
     assert (table["more"], table["less"], table["long"]) == (2.0**64, -(2.0**63), np.inf)
     assert all(type(table[name]) is float for name in ("more", "less", "long"))
+
+
+def test_readers_wait_for_the_back_end_without_hdf5s_lock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A thread that holds the back end may read files itself (`focus(path)`): the other order is a deadlock."""
+    from h5py._objects import phil
+
+    write_image(make_image(), tmp_path / "image.h5")
+    waiting = threading.Event()
+    locked = hdf5_file.backend_lock
+
+    def backend_lock() -> object:
+        waiting.set()
+        return locked()
+
+    monkeypatch.setattr(hdf5_file, "backend_lock", backend_lock)
+    with locked():
+        reader = threading.Thread(target=read_image, args=(tmp_path / "image.h5",))
+        reader.start()
+        assert waiting.wait(60.0)
+        assert phil.acquire(False)
+        phil.release()
+    reader.join()

@@ -112,6 +112,13 @@ def test_pitched_roofs_have_the_volume_of_prism_and_pyramid(seed: int, tmp_path:
         )
         want = long * short * (height - rise + FOOT + share * rise)
         assert volume(model) == pytest.approx(want, rel=1e-9)  # tol: float rounding
+        # storeys end at the eaves: the default roof of 0.35 of the shorter side, at most half the house, stands on them
+        source = write_features(
+            tmp_path / "c.geojson", [feature(house, 1, **{"building:levels": 4, "roof:shape": shape})]
+        )
+        model = import_scene(source, tmp_path / "c.xml", options, force=True)
+        assert model.buildings[0].eaves == pytest.approx(12.0)
+        assert model.buildings[0].ridge == pytest.approx(12.0 + min(0.35 * short, 6.0))
     # the ridge is as long as the house, and along it unless across
     for across, length in ((False, long), (True, short)):
         tags = {"height": height, "roof:shape": "gabled", "roof:height": rise}
@@ -151,6 +158,21 @@ def test_places_are_those_of_the_earth_to_a_centimetre(seed: int, tmp_path: Path
     assert np.abs(metres).max() < 0.01
     xyz = np.column_stack(transform("EPSG:4979", "EPSG:4978", want[:, 0], want[:, 1], geodetic[:, 2]))
     assert np.abs(xyz - anchor.to_ecef(points)).max() < 0.01
+
+
+def test_a_building_is_an_object_and_its_parts_have_its_name(tmp_path: Path) -> None:
+    houses = [
+        feature(shapely.box(30.0 * i, 0, 30.0 * i + 12, 9), name, height=6) for i, name in enumerate("aab")
+    ]
+    source = write_features(tmp_path / "a.geojson", houses)
+    import_scene(source, tmp_path / "a.xml", ImportOptions(crs="local", facades=PLAIN))
+    scene = load_scene(tmp_path / "a.xml")
+    assert set(scene.geometry.object_names) == {"way a", "way a (2)", "way b", "ground 0"}
+    assert {"way a/walls", "way a (2)/roofs", "way b/walls"} <= set(scene.geometry.mesh_names)
+    for number, name in enumerate(scene.geometry.object_names):
+        corners = scene.geometry.vertices[scene.geometry.faces[scene.geometry.faces_of_object(number)]]
+        # tol: footprints are metres; rounding
+        assert name == "ground 0" or np.ptp(corners[..., 0]) == pytest.approx(12.0, abs=1e-6)
 
 
 def test_a_radar_laid_over_keeps_the_place(tmp_path: Path) -> None:
@@ -698,3 +720,50 @@ def test_command(tmp_path: Path, capsys: Any, monkeypatch: Any) -> None:
         assert len(capsys.readouterr().err) < 300
     with pytest.raises(OutputError, match=r"ends in \.xml"):
         import_scene(tmp_path / "a.geojson", tmp_path / "b.txt")
+
+
+def test_text_that_memory_cannot_hold_is_refused_before_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Numbers of one digit in pairs take 14 times the file's size, empty XML elements 26 times."""
+    from sarmitsuba.machine import memory
+
+    monkeypatch.setattr(memory, "free_memory", lambda: 1_000_000)
+    texts = {
+        "a.geojson": '{"type": "FeatureCollection", "features": [' + "[1,1]," * 20_000 + "[1,1]]}",
+        "a.osm": "<osm>" + "<a/>" * 20_000 + "</osm>",
+    }
+    for name, text in texts.items():
+        path = tmp_path / name
+        path.write_text(text)
+        with pytest.raises(
+            SarmitsubaError, match=r"reading its .* needs .* of memory, and 1 MB are free; cut"
+        ):
+            import_scene(path, tmp_path / "o.xml", ImportOptions())
+
+
+def test_outlines_of_too_many_corners_are_left_out_without_being_converted(tmp_path: Path) -> None:
+    ring = [[8.0, 50.0]] * 20_001
+    path = write_features(
+        tmp_path / "a.geojson",
+        [
+            {
+                "type": "Feature",
+                "properties": {"height": 9},
+                "geometry": {"type": "Polygon", "coordinates": [ring]},
+            }
+        ],
+    )
+    with pytest.raises(SceneError, match="1 outlines of more than 20000 corners"):
+        import_scene(path, tmp_path / "o.xml", ImportOptions())
+
+
+def test_links_to_nowhere_say_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, words in (
+        ("city.geojson", ["import", "-o", str(tmp_path / "o.xml")]),
+        ("scene.xml", ["render", "-o", str(tmp_path / "o")]),
+        ("image.tif", ["picture", "-o", str(tmp_path / "o.png")]),
+    ):
+        (tmp_path / name).symlink_to(tmp_path / "gone")
+        assert cli.main([words[0], str(tmp_path / name), *words[1:]]) == 2
+        assert "is a link to a file that does not exist" in capsys.readouterr().err

@@ -221,3 +221,11 @@ def test_chains_of_nodes_without_end_are_refused(tmp_path: Path) -> None:
     _write_gltf(tmp_path / "a.gltf", list(range(1999)), np.zeros((2000, 3)))
     with pytest.raises(SceneError, match="more than 1000 within each other"):
         read_parts(tmp_path / "a.gltf", "a")
+
+
+def test_gltf_nested_too_deeply_is_refused_by_its_reason(tmp_path: Path) -> None:
+    """Trimesh itself would look for a file whose name is the text."""
+    path = tmp_path / "deep.gltf"
+    path.write_text('{"asset": {"version": "2.0"}, "x": ' + "[" * 100_000 + "]" * 100_000 + "}")
+    with pytest.raises(SceneError, match=r"deep\.gltf is malformed: its entries are nested too deeply"):
+        read_parts(path, "scene")

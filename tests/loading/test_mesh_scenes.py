@@ -404,3 +404,28 @@ def test_a_material_alone_is_that_of_all_names(tmp_path: Path) -> None:
     assert all(m.pec or m.permittivity == grass for m in scene.materials) and len(scene.materials) == len(
         NAMES
     )
+
+
+def test_a_lone_body_is_told_of_ground(tmp_path: Path) -> None:
+    """A box without ground, not a town that stands on some, nor one with --ground."""
+    body = trimesh.creation.box((10.0, 8.0, 12.0))
+    body.export(tmp_path / "body.ply")
+    town().export(tmp_path / "town.glb")
+    options = MeshOptions(up="z")
+    hint = "--ground soil adds some"
+
+    def notes(name: str, **more: str) -> str:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SarmitsubaWarning)
+            return "\n".join(load_scene(tmp_path / name, radar="airborne_x", mesh=options, **more).notes)
+
+    assert hint in notes("body.ply")
+    assert hint not in notes("body.ply", ground="soil") and hint not in notes("town.glb")
+
+
+def test_names_of_missing_files_are_guessed(tmp_path: Path) -> None:
+    trimesh.creation.box().export(tmp_path / "house.ply")
+    with pytest.raises(SceneError, match=r'no such scene file; did you mean "house\.ply"\?'):
+        load_scene(tmp_path / "hause.ply")
+    with pytest.raises(SceneError, match=r"no such scene file; check the path"):
+        load_scene(tmp_path / "quite_another.ply")

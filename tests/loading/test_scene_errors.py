@@ -374,7 +374,10 @@ def test_a_scene_of_any_suffix_is_in_utf_8(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        ('<sensor type="sar_antena"/><shape type="cube"/>', r'only sar_antena; did you mean "sar_antenna"'),
+        (
+            '<sensor type="sar_antena"/><shape type="cube"/>',
+            r'only sar_antena\); did you mean "sar_antenna"',
+        ),
         (
             '<sensor type="sar_antenna"/><shape type="ply"><string name="filename" value="hous.ply"/>'
             + PEC

@@ -6,6 +6,7 @@ import sys
 from dataclasses import fields
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -369,3 +370,19 @@ def test_every_field_is_a_documented_parameter(table, kind) -> None:
     assert [p.name for p in table.params] == names
     of_modes = {p.name: p.default for p in (*table.params, *table.more()) if p.name not in names}
     assert table.read({}, "x") == {name: getattr(kind(), name) for name in names} | of_modes
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"rcs": float("nan")}, r'point "a": rcs = nan m\^2 is outside 0 to 1e\+20'),
+        ({"rcs": -1.0}, r"rcs = -1 m\^2 is outside"),
+        ({"phase": float("inf")}, "its phase is not finite"),
+        ({"position": np.zeros((3, 1))}, r"position \[\[0.0\], .* is not three finite numbers"),
+        ({"rcs": "one"}, "position, rcs and phase must be numbers"),
+    ],
+)
+def test_points_without_sense_are_refused_by_name(change: dict[str, Any], message: str) -> None:
+    point = PointTarget(**{"name": "a", "position": np.zeros(3), **change})
+    with pytest.raises(SceneError, match=message):
+        build_scene(points=[point])

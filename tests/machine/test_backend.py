@@ -208,3 +208,16 @@ def test_a_deleted_working_folder_is_refused_in_one_line(tmp_path: Path) -> None
     assert run.stderr.endswith(
         "error: the working folder is gone (No such file or directory); change to another folder\n"
     )
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of Unix")
+@pytest.mark.parametrize("most", [6, 12])
+def test_too_few_open_files_are_refused_in_one_line(most: int) -> None:
+    run = subprocess.run(
+        ["sh", "-c", f'ulimit -n {most}; exec "$0" -m sarmitsuba scenes', sys.executable],
+        capture_output=True,
+        text=True,
+        cwd=Path(__file__).parents[2],
+    )
+    assert (run.returncode, run.stdout) == (2, "")
+    assert run.stderr == f"error: {most} files may be open, of 32 needed; raise it (ulimit -n)\n"

@@ -84,9 +84,8 @@ def test_what_opens_files_elsewhere_or_connections_is_noticed(hostile: ModuleTyp
     (tmp_path / "case").mkdir()
     (tmp_path / "secret").write_text("x")
     code = f"""
-import socket, sys
-sys.path.insert(0, {str(ROOT / "benchmarks" / "studies")!r})
-import hostile
+import socket
+from benchmarks.studies import hostile
 from contextlib import closing
 from pathlib import Path
 watch = hostile.Watch(Path({str(tmp_path / "case")!r}))
@@ -100,7 +99,7 @@ except OSError:
     pass
 print(watch.kind)
 """
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert ended.stdout.split() == ["1", "outside", "connection"]
 
 

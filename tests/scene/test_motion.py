@@ -17,7 +17,7 @@ from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.execution.fingerprint import fingerprint
 from sarmitsuba.simulation.planning.sampling.launch_window import launch_windows
-from sarmitsuba.simulation.planning.sampling.movers import azimuth_shift, fastest, swept
+from sarmitsuba.simulation.planning.sampling.movers import azimuth_shift, describe_vanished, fastest, swept
 from tests.support.unweighted import focus
 
 
@@ -174,6 +174,23 @@ def test_a_shape_whose_image_is_elsewhere_is_lit_for_it() -> None:
         image = replace(scene.image, center_x=0.0, center_y=0.0, extent_azimuth=40.0, extent_range=40.0)
         (window,) = launch_windows(replace(scene, image=image))
         assert bool(window.box[1, 1] > 149.0) is lit
+
+
+def test_a_shape_displaced_out_of_the_image_is_named_with_the_size_that_shows_it() -> None:
+    """5 km, 100 m/s: 2 m/s eastwards at a look angle of 45 deg displace the echo by 71 m."""
+    for velocity, extent, gone in (
+        (2.0, 40.0, True),
+        (2.0, 160.0, False),
+        (0.2, 40.0, False),
+        (0.0, 40.0, False),
+    ):
+        car = SceneMesh(*cube(), "pec", "car", motion=Motion((velocity, 0.0, 0.0)))
+        radar = RadarDescription(slant_range=5e3, azimuth_resolution=1.0, speed=100.0, look_angle_deg=45.0)
+        scene = build_scene([SceneMesh(*cube(), "pec", "house"), car], radar=radar)
+        image = replace(scene.image, center_x=0.0, center_y=0.0, extent_azimuth=extent, extent_range=40.0)
+        said = describe_vanished(replace(scene, image=image))
+        assert ("car: the range rate displaces the echo by up to 7" in said) == gone
+        assert not gone or float(said.split("image_extent_azimuth to ")[1].split(" m")[0]) > 2.0 * 70.7
 
 
 def test_quality_leaves_out_points_that_show_elsewhere() -> None:

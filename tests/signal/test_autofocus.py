@@ -16,12 +16,10 @@ from sarmitsuba.signal.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.signal.focusing.windows import parse_window
 from tests.support.unweighted import focus
 
-pytestmark = pytest.mark.usefixtures("benchmark_script")
-
 
 def case(mode: str, clutter: bool, seed: int) -> Any:
     """The case of benchmarks/suite/track_error.py: 0.1 m that the radar does not know of."""
-    return importlib.import_module("track_error").case(mode, clutter, seed)
+    return importlib.import_module("benchmarks.suite.track_error").case(mode, clutter, seed)
 
 
 # methods that search for sharpness take half a minute each where every pixel has an aperture of its own

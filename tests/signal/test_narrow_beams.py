@@ -57,7 +57,7 @@ def mean_intensity(radar: Radar, place: np.ndarray, window: str, seed: int) -> f
 
     The range window is Hann's, whose side lobes end within the drawn strip.
     """
-    reference = importlib.import_module("combinations_reference")
+    reference = importlib.import_module("benchmarks.support.combinations_reference")
     rng = np.random.default_rng([seed, 25])
     wide, deep, n = 36.0, 6.0, (480, 24)
     foot = place - radar.track.center_position
@@ -123,7 +123,6 @@ def mean_intensity(radar: Radar, place: np.ndarray, window: str, seed: int) -> f
     ],
 )
 @pytest.mark.parametrize("mode", ["sliding_spotlight", pytest.param("stripmap", marks=pytest.mark.slow)])
-@pytest.mark.usefixtures("benchmark_script")
 def test_narrow_beams_keep_sigma0(mode: str, seed: int, cells: float) -> None:
     scene, place = drawn(seed, cells, mode)
     radar = scene.radar

@@ -17,6 +17,7 @@ from sarmitsuba.loading.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.planning.prediction import prediction
 from sarmitsuba.simulation.planning.prediction.both_ways import (
     CONFIDENCE,
     measured_both_ways,
@@ -29,7 +30,7 @@ from tests.support.unweighted import focus
 
 
 def test_table(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["explain", "plate", "--no-error-bars"]) == 0
+    assert main(["explain", "plate", "--no-error-bars", "--measure"]) == 0
     text = capsys.readouterr().out
     assert "one flat surface cannot reflect onto itself" in text
     assert "predicted:" in text and "B of memory" in text and "measured here on a part of it" in text
@@ -168,7 +169,7 @@ def test_stated_changes_are_those_of_whole_images() -> None:
         ),
     ):
         scene = load_scene(resolve(name), parameters=parameters)
-        found = explain(scene)
+        found = explain(scene, measured=True)
         assert found.prediction is not None
         interval = found.prediction.key_pulse_interval
         stated = {d.name: d for d in found.plan.decisions}
@@ -188,6 +189,22 @@ def test_stated_changes_are_those_of_whole_images() -> None:
     assert stated["visibility"].error_is in ("none", "measured")
     # by the pilot; without one (dihedral) the last bounce with an echo is looked for
     assert depth.value == 2 and depth.error_db > -20.0
+
+
+def test_nothing_beyond_the_pilot_is_traced_unless_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without ``measured`` the plan keeps its bounds, and rays and seconds are counted."""
+    scene = load_scene(resolve("plate"))
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("a part of the run is traced")
+
+    monkeypatch.setattr(prediction, "predict", refuse)
+    found = explain(scene)
+    assert found.prediction is not None and not found.prediction.measured
+    assert found.prediction.rays == Run(scene).needs().rays > 0 and found.prediction.total > 0.0
+    assert not any(d.measured for d in found.plan.decisions)
+    with pytest.raises(AssertionError, match="traced"):
+        explain(scene, measured=True)
 
 
 def test_python_says_what_the_command_says() -> None:

@@ -329,5 +329,5 @@ def test_explain_does_not_try_what_is_switched_off(register: Callable[..., None]
 
     register(EFFECTS, Faulty())
     register(STAGES, Counting(""))
-    explain(scene_of().replace(faulty="off"))
+    explain(scene_of().replace(faulty="off"), measured=True)
     assert Counting.calls == 0

@@ -51,10 +51,10 @@ def test_sources_are_counted_before_they_are_made(name: str) -> None:
 
 def test_pairs_are_counted_by_the_level_that_the_plan_measured() -> None:
     run = Run(load_scene("courtyard"))
-    assert run.context is not None and run.context.pairs is not None and run.sampling is not None
+    assert run.context is not None and "pairs" in run.context.measured and run.sampling is not None
     known, unknown = (
         expected_sources(RunSite(run.sampling, None, run.trace_scene, level))[-1]
-        for level in (run.context.pairs, None)
+        for level in (run.context.measured, None)
     )
     # what is not known is bounded
     assert 0.0 < known.scatterers <= unknown.scatterers

@@ -94,7 +94,7 @@ def test_a_beam_that_never_passes_the_image_is_refused() -> None:
         radar_of(mode="sliding_spotlight", sliding_factor=0.001, azimuth_resolution=0.5, **GAUSSIAN)
 
 
-def test_frequency_domain_focusers_refuse_a_beam_that_turns() -> None:
+def test_frequency_domain_focusers_take_a_beam_that_turns() -> None:
     parameters = {
         "mode": "sliding_spotlight",
         "slant_range": 2e3,
@@ -105,9 +105,11 @@ def test_frequency_domain_focusers_refuse_a_beam_that_turns() -> None:
     }
     scene = make_scene(None, (), parameters, points=[PointTarget("p", np.zeros(3), 1.0)])
     raw = simulate(scene)
+    exact = focus(raw, request=scene.image, focuser="backprojection")
     for name in ("omega_k", "range_doppler", "chirp_scaling"):
-        with pytest.raises(DataError, match="the beam turns over the track"):
-            focus(raw, request=scene.image, focuser=name)
+        image = focus(raw, request=scene.image, focuser=name)
+        error = np.linalg.norm(image.data - exact.data) / np.linalg.norm(exact.data)
+        assert 20.0 * np.log10(error) < -32.0  # tol: a time-bandwidth product of 18
     assert focus(raw, request=scene.image, focuser="auto,error=-50").metadata["focus"]["method"] in (
         "backprojection",
         "factorised",

@@ -19,6 +19,7 @@ from sarmitsuba.simulation.execution.turntable import (
     image_refusal,
     rcs_sweep,
     turntable_scene,
+    undersampling,
 )
 from sarmitsuba.truth import theory as theory_of_pairs
 from sarmitsuba.truth.theory import canonical_rcs as theory
@@ -257,3 +258,15 @@ def test_pairs_of_diffuse_scatterers_in_a_bowl() -> None:
         got = np.mean(np.square(np.abs(total(on, channel) - total(off, channel))))
         # tol: four standard deviations of speckle over the aspects, and of the draw
         assert got == pytest.approx(float(want), rel=4.0 / np.sqrt(azimuth.size) + 0.05)
+
+
+def test_steps_wider_than_lobes_are_told() -> None:
+    """Lobes of a trihedral of 1 m, 1.58 m across, are 0.56 deg wide at X band: 5 deg miss most, 1 deg do not."""
+    scene = sarmitsuba.load_scene("trihedral")
+    for step, told in ((5.0, True), (1.0, False)):
+        azimuth = np.radians(np.arange(90.0, 270.0 + step, step))
+        found = undersampling(scene, Aspects(azimuth, np.full(azimuth.size, 0.5)))
+        assert bool(found) == told
+    (text,) = undersampling(scene, Aspects(np.radians([0.0, 5.0]), np.zeros(2)))
+    assert "steps of 5 deg" in text and "0.56 deg" in text
+    assert undersampling(scene, Aspects(np.zeros(1), np.zeros(1))) == ()

@@ -14,7 +14,7 @@ Modules touched, and the data that flows::
         -> fit        least squares with that matrix
         -> reverse    for many parameters and one loss: adjoint data of the loss go backwards through the synthesis to
                       adjoint grids, from which every echo reads the factor of its own derivatives
-                      (:mod:`sarmitsuba.tracing.derivatives.adjoint_echoes` and ``tangent_slots`` there)
+                      (:mod:`sarmitsuba.tracing.derivatives.echo_derivatives` and ``tangent_slots`` there)
 
 Without parameters the trace kernel, its data and its time are what they are without this package.
 """

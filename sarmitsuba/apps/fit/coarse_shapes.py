@@ -227,7 +227,7 @@ def equations(
 def measured_offsets(
     look: MeasuredLook, values: F64, reach: float, numbers: NDArray[np.intp] | None = None
 ) -> list[Measured]:
-    """Offsets of all parts of a look, from what the model leaves of the data where it explains some of them.
+    """Offsets of all parts of a look, from the data that the model leaves unexplained where it explains some of them.
 
     ``numbers`` : only of parts that one of these values moves
     """
@@ -261,7 +261,7 @@ def solutions(rows: Sequence[OffsetEquation], numbers: NDArray[np.intp]) -> tupl
     """Changes of some values, the likeliest first, and standard deviations from the unambiguous equations.
 
     The changes differ in the cycles of phase: those nearest to drawn changes, which spread as the unambiguous equations
-    say; by the least sum of squares, each weighed by what its own change makes of unequally moved parts.
+    say; by the least sum of squares, each weighed by the unequal motion of the parts that its change makes.
     """
     if all(row.period for row in rows):
         return [np.zeros(len(numbers))], np.full(len(numbers), np.inf)

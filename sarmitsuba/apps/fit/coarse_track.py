@@ -95,7 +95,7 @@ def range_errors(
     :math:`\sum D M^* e^{j 4 \pi f r / c}` at the r where it is largest, has the phase
     :math:`-4 \pi f_c \Delta R / c`, unwrapped from pulse to pulse; the change of the phase over the band, common
     to all pulses once these are in phase, tells which multiple of half a wavelength is left. As the spectrum of speckle
-    is uneven, both depend on r, which is what was found before.
+    is uneven, both depend on r, which was found before.
 
     Measured scenes hold echoes that the model does not know, often brighter than those that it knows in a single pulse.
     So ``together`` pulses are added up, at the range and the phase per pulse at which their sum is largest, along the

@@ -1,4 +1,4 @@
-r"""Whether measured data hold the echoes of a shape as the model has them: coherence over the shape's own echoes.
+r"""Whether measured data hold the echoes of a shape as the model has them: coherence over the shape's echoes.
 
 With the echoes m of a shape and the data d less the model's echoes of all others, both focused about the shape
 (deramped and transformed, which keeps energies and products), and the cells S in which the model has most of the
@@ -59,7 +59,7 @@ DB = 20.0 / float(np.log(10.0))
 
 @dataclass(frozen=True, eq=False)
 class Coherence:
-    """Sums over the cells of a shape's own echoes, over the variance of the noise.
+    """Sums over the cells of a shape's echoes, over the variance of the noise.
 
     Parameters
     ----------
@@ -223,11 +223,11 @@ def _coherence(
     samples: float,
     changed: C128 | None = None,
 ) -> Coherence:
-    """Sums of one look from the spectra of some echoes and of what the model leaves of the data.
+    """Sums of one look from the spectra of some echoes and of the residual data.
 
     Parameters
     ----------
-    center : (3,) m, middle of what echoes
+    center : (3,) m, middle of the scatterers
     noise : mean power of a cell, in the units of the data, W
     samples : of a range cell, which are alike
     changed : spectrum whose cells are compared; None: those of the echoes

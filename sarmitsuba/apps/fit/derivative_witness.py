@@ -5,9 +5,9 @@ With the data m at some values x, a drawn step h of the values of a kind, and th
 .. math:: e = J h - \tfrac12 \left(m(x + h) - m(x - h)\right), \quad
           b = \tfrac12 \left(m(x + h) + m(x - h)\right) - m(x)
 
-where e is the error that is stated and b is what the difference itself cannot tell: the bend of the data over the step,
-and single rays that appear or vanish. The law is that derivatives are exact to ``EXACT_DB``, or to the energy of b
-where that is more.
+where e is the error that is stated and b is the part that the difference itself cannot tell: the bend of the data over
+the step, and single rays that appear or vanish. The law is that derivatives are exact to ``EXACT_DB``, or to the energy
+of b where that is more.
 """
 
 from __future__ import annotations
@@ -84,13 +84,14 @@ def derivative_witnesses(
     data : (channels, pulses, samples) there
     rows : (n, channels, pulses, samples) derivatives
     seed : of the directions
-    edges : whether ``rows`` hold what moving edges hide and show. That is a mean over ray lattices, which differences
+    edges : whether ``rows`` hold the parts that moving edges hide and show. That is a mean over ray lattices, which
+    differences
         of one lattice do not show in small steps: shapes are then differentiated once more without it.
 
     Notes
     -----
     Two plain runs for each kind, four where single rays outweigh the change over the first step. Ignores that an error
-    may cancel along the drawn direction, and what moving edges hide and show.
+    may cancel along the drawn direction, and the parts that moving edges hide and show.
     """
     found = {}
     for kind in _kinds(model):
@@ -147,7 +148,7 @@ def gradient_witnesses(
 
 
 def warn_of(name: str, found: Mapping[str, Witness]) -> None:
-    """Warn of every witness that contradicts its law: the kind, what was measured, the law, the remedy."""
+    """Warn of every witness that contradicts its law: the kind, the measured value, the law, the remedy."""
     for kind, witness in found.items():
         if witness.contradicts:
             warnings.warn(

@@ -170,7 +170,7 @@ def _finite_or_none(numbers: F64) -> list[float | None]:
 
 
 class _Complex(Problem):
-    """Complex raw data of several looks; ``edges``: with what moving edges hide and show in the derivatives."""
+    """Complex raw data of several looks; ``edges``: with derivatives by the parts that moving edges hide and show."""
 
     def __init__(self, looks: Sequence[MeasuredLook], *, edges: bool) -> None:
         self.looks, self.names, self.edges = tuple(looks), looks[0].model.names, edges
@@ -320,7 +320,7 @@ def _conclude_fit(
     *,
     witness: bool,
 ) -> Fit:
-    """The fit with what it is worth: covariance, bound, misfit and witnesses of its derivatives."""
+    """The fit with its quality: covariance, bound, misfit and witnesses of its derivatives."""
     model = looks[0].model
     variances = np.array([look.noise.shown(d) for look, d in zip(looks, best.differences, strict=True)])
     stated = np.array([look.noise.of_power(look.noise.stated) for look in looks])

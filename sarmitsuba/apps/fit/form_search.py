@@ -1,9 +1,9 @@
 r"""Coarse start of scales and rotations, whose points move unequally: a search along each value.
 
 Where points are off by unequal parts of a wavelength or more, the echoes of a shape do not correlate with the data,
-wherever they are moved to. So each value is stepped by what displaces its points by an eighth of a wavelength against
-each other, the raw data are traced anew at every step, and with the spectra D of the data less all other echoes and M
-of the shape's the score of a step,
+wherever they are moved to. So each value is stepped so that its points are displaced by an eighth of a wavelength
+against each other, the raw data are traced anew at every step, and with the spectra D of the data less all other echoes
+and M of the shape's the score of a step,
 
 .. math:: \sum \max_{r, s} |C(r, s)|^2 / (\sigma^2 E), \quad C = \sum_{p, f} D \, M^* \, e^{j k (r + s a_p)}
 

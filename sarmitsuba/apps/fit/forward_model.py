@@ -1,8 +1,7 @@
 """Raw data of a scene and their derivatives, with rays, blocks of pulses and effects that stay the same.
 
-Batches of pulses traced with the derivatives of every echo behind its channels.
-
-Raw data of ideal points, and how they change with the radar: differences of their closed form.
+Batches of pulses are traced with the derivatives of every echo behind its channels. Derivatives of ideal points are
+differences of their closed form.
 """
 
 from __future__ import annotations
@@ -25,6 +24,7 @@ from sarmitsuba.apps.fit.shape_parameters import ComposedMoves
 from sarmitsuba.core.arrays import C64, C128, F64, I64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.core.errors import RadarError, SceneError
+from sarmitsuba.core.parameters import one_line
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.radar.radar import Radar
@@ -49,6 +49,7 @@ from sarmitsuba.simulation.execution.tracing import (
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.tracing.derivatives.tangents import MOST, Displacement, StepTables, Tangents
 from sarmitsuba.tracing.kernel.source import Source
+from sarmitsuba.tracing.kernel.stage import own_stages
 
 if TYPE_CHECKING:
     from sarmitsuba.tracing.kernel.scene_tables import TraceScene
@@ -252,7 +253,7 @@ class ForwardModel:
                 f"{scene.name}: the effect antenna_pattern is off, and pointing changes nothing; switch it on, or "
                 "leave the parameter out"
             )
-        if flags.extra:
+        if own_stages(flags):
             raise SceneError(f"{scene.name}: effects of extensions cannot be differentiated; switch them off")
         assert self.run.sampling is not None and self.run.trace_scene is not None
         self.sampling: SamplingPlan = self.run.sampling
@@ -288,6 +289,28 @@ class ForwardModel:
     def turning(self) -> bool:
         """Whether pulses share a tracing, so that derivatives of range rates are needed."""
         return any(batch.together and batch.stop - batch.start > 1 for batch in self.batches)
+
+    def checked(self, given: object) -> F64:
+        """Values as an array (n,).
+
+        Raises
+        ------
+        SceneError : they are no finite real numbers, one for each parameter
+        """
+        try:
+            values = np.asarray(given, dtype=np.float64)
+        except (TypeError, ValueError):
+            shown = one_line(repr(given))
+            raise SceneError(f"gradient: values {shown} are no real numbers; give an array of them") from None
+        if values.shape != self.start.shape:
+            raise SceneError(
+                f"gradient: {values.size} values for {len(self.start)} parameters; give one for each, of the shape "
+                f"({len(self.start)},), not {values.shape}"
+            )
+        if not np.isfinite(values).all():
+            wrong = ", ".join(n for n, x in zip(self.names, values, strict=True) if not np.isfinite(x))
+            raise SceneError(f"gradient: no finite value of {wrong}")
+        return values
 
     def split(self, values: F64) -> list[F64]:
         """Values of each parameter, from those of all."""
@@ -405,7 +428,8 @@ class ForwardModel:
     ) -> tuple[C64, C64]:
         """Raw data (channels, pulses, samples) and derivative (n_values, channels, pulses, samples).
 
-        ``by`` : parameters to differentiate by; None: the model's own. ``edges`` : with what moving edges hide and show
+        ``by`` : parameters to differentiate by; None: those of the model. ``edges`` : with the parts that moving edges
+        hide and show
         """
         here = self.placed(values)
         by = self.parameters if by is None else by
@@ -494,14 +518,14 @@ class ForwardModel:
         return data, rows()
 
     def _add_edges(self, here: At, displacements: Sequence[Displacement], displaced: Sequence[C64]) -> None:
-        """Add what moving edges hide and show to the derivatives by displacements; points once for one launch's."""
+        """Add the parts that moving edges hide and show to the derivatives by displacements; points once a launch."""
         for k in range(0, len(displacements), MOST):
             beside = self.beside_edges(here, displacements[k : k + MOST])
             for plane, more in zip(displaced[k:], beside, strict=False):
                 plane += more
 
     def beside_edges(self, here: At, displacements: Sequence[Displacement]) -> Sequence[C64]:
-        """What moving edges add to the derivatives by displacements; nothing where no shape moves."""
+        """Contribution of moving edges to the derivatives by displacements; nothing where no shape moves."""
         if not any(d.faces is not None for d in displacements):
             return ()
         tracer, n = self.tracer(here), len(displacements)

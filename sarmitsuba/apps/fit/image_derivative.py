@@ -82,7 +82,7 @@ class ImageDerivative:
         Notes
         -----
         For echoes that all change by the rate; those that change less make it an upper bound. Of properties of
-        materials it is an estimate, for powers of up to 3; that of the material's law is not known. Ignores what
+        materials it is an estimate, for powers of up to 3; that of the material's law is not known. Ignores whatever
         derivatives leave out, see :func:`sarmitsuba.jacobian`.
         """
         return max(0.5 * self.rate, 1.0 / self.scale) * abs(change)

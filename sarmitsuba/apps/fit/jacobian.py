@@ -33,7 +33,7 @@ class Jacobian:
     Parameters
     ----------
     names : of the values, with their units in brackets
-    values : (n,) float64, those of the scene
+    values : (n,) float64, at which they are taken
     derivative : (n, channels, pulses, samples) complex64, sqrt(W) per unit
     raw : the raw data themselves, without receiver noise
     witnesses : by kind of parameter, error of the derivatives in a central difference of plain runs, see
@@ -115,6 +115,7 @@ def jacobian(
     scene: SceneLike,
     parameters: Parameters,
     *,
+    values: F64 | None = None,
     edges: bool = True,
     witness: bool = True,
     progress: Callable[[float], None] | None = None,
@@ -132,7 +133,9 @@ def jacobian(
     ----------
     scene : as loaded, a scene file, or the name of a shipped scene
     parameters : text such as ``"levels,track:5"``, or texts and objects, see :func:`sarmitsuba.apps.fit.parsing.parse`
-    edges : with what the edges of moving shapes hide and show; without, the derivatives of a town take a few runs less
+    values : (n,) of the parameters at which they are taken; None: those of the scene
+    edges : with the parts that the edges of moving shapes hide and show; without, the derivatives of a town take a few
+    runs less
     witness : whether the derivatives by each kind of parameter are measured against a central difference: two plain
         runs each, and for moving shapes their derivatives without edges
     progress : called with the share that is done
@@ -151,7 +154,7 @@ def jacobian(
     Notes
     -----
     Shadow boundaries and the boundaries of lit areas move with the edges that cast them, in the mean over the place of
-    the ray lattice (:mod:`sarmitsuba.tracing.scatterers.edges.edge_tangents`): on all legs of up to three bounces, but
+    the ray lattice (:mod:`sarmitsuba.tracing.derivatives.edge_tangents`): on all legs of up to three bounces, but
     not what hides a
     diffuse scatterer that is lit over a mirror from the antenna. Of displacements it ignores the change of amplitudes
     by spreading and beam, which is :math:`\lambda / 4 \pi R` of the change of phase. Within a block of pulses that
@@ -160,9 +163,10 @@ def jacobian(
     """
     scene = Scene.of(scene)
     model = ForwardModel(scene, parameters_of(parameters, scene))
-    data, derivative = model.derivative(progress=progress, edges=edges)
+    values = model.start if values is None else model.checked(values)
+    data, derivative = model.derivative(values, progress, edges=edges)
     found: dict[str, Witness] = {}
     if witness:
-        found = derivative_witnesses(model, model.start, data, derivative, scene.settings.seed, edges=edges)
+        found = derivative_witnesses(model, values, data, derivative, scene.settings.seed, edges=edges)
         warn_of(scene.name, found)
-    return Jacobian(model.names, model.start, derivative, model.raw(data), found)
+    return Jacobian(model.names, values, derivative, model.raw(data), found)

@@ -35,7 +35,7 @@ MOST_PRIOR = 1e70
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of a value beforehand: its mean and standard deviation, in the value's unit."""
+    """Prior knowledge of a value: its mean and standard deviation, in the value's unit."""
 
     mean: float
     sigma: float

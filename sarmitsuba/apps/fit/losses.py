@@ -160,7 +160,7 @@ def check_loss(loss: Loss, data: C64) -> tuple[float, C128]:
 
     Raises
     ------
-    DataError : what it returns is no pair, the value is no finite real number, or the adjoint data are no numbers, have
+    DataError : the result is no pair, the value is no finite real number, or the adjoint data are no numbers, have
         another shape or are not finite
     """
     both = loss(data)
@@ -190,7 +190,7 @@ def check_loss(loss: Loss, data: C64) -> tuple[float, C128]:
 
 
 def _kind(given: object) -> str:
-    """What something is, for a message."""
+    """Description of an object, for a message."""
     if isinstance(given, np.ndarray):
         return f"an array of {given.dtype} of the shape {given.shape}"
     return "nothing (None)" if given is None else f"a value of type {type(given).__name__}"

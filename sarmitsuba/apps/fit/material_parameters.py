@@ -81,7 +81,7 @@ class Level(_OfMaterial):
 
 @dataclass(frozen=True)
 class LevelMap(_OfMaterial):
-    """Levels of all texels of a material's ``sigma0_map``, dB, relative to the material's own level.
+    """Levels of all texels of a material's ``sigma0_map``, dB, relative to the material's level.
 
     Parameters
     ----------

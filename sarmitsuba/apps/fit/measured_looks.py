@@ -80,7 +80,7 @@ class NoisePower:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredLook:
-    """Measured raw data of one radar with the model of what it sees.
+    """Measured raw data of one radar with the model of the scene that it sees.
 
     Parameters
     ----------
@@ -112,9 +112,9 @@ def looks_of(
 ) -> tuple[MeasuredLook, ...]:
     """Looks from a scene for each raw data, or from one scene, which every radar of several raw data sees.
 
-    The radar is that of the data, with what parameters change of it as the scene has it, and so are ray sets, spacings
-    and seed where the data record them, as those of simulations do. Where a look's own scene has another radar a
-    warning says how it differs.
+    The radar is that of the data, with fields that parameters change as the scene has them, and so are ray sets,
+    spacings and seed where the data record them, as those of simulations do. Where a look's scene has another radar
+    a warning says how it differs.
 
     Raises
     ------
@@ -161,8 +161,8 @@ def looks_of(
 def radar_differences(own: Radar, told: Radar, fitted: Iterable[str] = ()) -> list[str]:
     """How a scene's radar differs from that of raw data, one phrase each, scene first.
 
-    ``fitted`` : fields that are fitted and may differ. The receive window, the noise and what only a focuser uses are
-    not compared, nor motion within the pulse, which is an effect.
+    ``fitted`` : fields that are fitted and may differ. The receive window, the noise and fields that only a focuser
+    uses are not compared, nor motion within the pulse, which is an effect.
     """
     first, second = own.as_recorded().in_file_frame(), told.in_file_frame()
     found = [] if "track" in fitted else _track_differences(first, second)
@@ -231,7 +231,7 @@ def _check_band(scene: Scene, data: RawData) -> None:
 
 
 def _seen_by(scene: Scene, data: RawData, fitted: Iterable[str]) -> Scene:
-    """The scene under the radar that recorded raw data, with its image; ``fitted``: fields that are the scene's own.
+    """The scene under the radar that recorded raw data, with its image; ``fitted``: fields taken from the scene.
 
     Raises
     ------
@@ -289,7 +289,7 @@ def _traced_as(scene: Scene, data: RawData) -> Scene:
 
 
 def _check_shared(looks: Sequence[MeasuredLook]) -> None:
-    """Refuse looks of different scenes, and parameters of a radar, of which each look has its own."""
+    """Refuse looks of different scenes, and parameters of a radar, which differ from look to look."""
     first = looks[0].model
     for parameter in first.parameters:
         if parameter.changed(first.scene, parameter.values(first.scene)).radar is not first.scene.radar:

@@ -82,7 +82,8 @@ class MirrorFacets:
     def lines_seen(self, start: F64, end: F64, antenna: F64) -> tuple[I64, I64, F64, F64]:
         """Parts of straight lines that an antenna (3,), m, may see in triangles.
 
-        What a triangle shows is within four planes: its own, and those through the antenna's image and its sides.
+        The region that a triangle shows is within four planes: its own, and those through the antenna's image and its
+        sides.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-r"""Standard deviations of fitted values from what the residuals of parts of the image say, which model errors decide.
+r"""Standard deviations of fitted values from the residuals of parts of the image, which model errors decide.
 
 Residuals r of echoes that the model lacks, or has too many, are alike over a building, and no noise of single samples.
 With the derivatives J and the residuals focused about the scene, and the image divided into parts b, the values follow
@@ -120,6 +120,6 @@ def _edges(power: F64) -> list[int]:
 
 
 def _sum_parts(products: F64, edges: Sequence[Sequence[int]]) -> F64:
-    """Sums of products (rows, columns) over all parts, what lies beyond with the outermost ones."""
+    """Sums of products (rows, columns) over all parts, the remainder with the outermost ones."""
     rows, columns = ([0, *own[1:-1]] for own in edges)
     return np.asarray(np.add.reduceat(np.add.reduceat(products, rows, axis=0), columns, axis=1).ravel())

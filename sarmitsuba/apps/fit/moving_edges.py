@@ -1,11 +1,9 @@
-"""Rays on both sides of the edges of shapes: what moving outlines and shadows add to derivatives.
+"""Rays on both sides of the edges of shapes: the contribution of moving outlines and shadows to derivatives.
 
-Points on edges and their images in mirrors, with their velocities by displacements of shapes.
-
-What an antenna sees on both sides of edges, of their images in mirrors, and the shadows that edges cast.
-
-Edges may lie behind each other within the distance of the rays beside them, such as all of a box that are in one plane
-with the antenna. What is hidden then must count once: an edge counts where nothing before it ends there too.
+Points on edges, and their images in mirrors, have velocities by the displacements of shapes. An antenna sees both
+sides of an edge, and the shadow that the edge casts. Edges may lie behind each other within the distance of the rays
+beside them, such as all of a box that are in one plane with the antenna. A hidden part then must count once: an edge
+counts where nothing before it ends there too.
 """
 
 from __future__ import annotations
@@ -23,12 +21,12 @@ from sarmitsuba.apps.fit.mirror_facets import MirrorFacets
 from sarmitsuba.core.arrays import C64, F32, F64, I64, U32, unit_rows
 from sarmitsuba.scene.mesh.facet_edges import FacetEdges
 from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, EveryPulse, KeyPulse, Pulses, Traced
+from sarmitsuba.tracing.derivatives.edge_state import SHADOWED
 from sarmitsuba.tracing.derivatives.tangent_slots import EDGE_SHAPES, NO_SHAPE, ROW, SlotTangents
 from sarmitsuba.tracing.derivatives.tangents import Displacement, Tangents
 from sarmitsuba.tracing.kernel.first_facets import first_facets
 from sarmitsuba.tracing.kernel.intersector import leave_surface
 from sarmitsuba.tracing.kernel.launch import EdgeSamples, LatticeLevel, LaunchFrame, LaunchGrid, project
-from sarmitsuba.tracing.scatterers.edges.edge_state import SHADOWED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -310,7 +308,7 @@ class EdgeSight:
     scene : that it sees
     antenna : (3,) m
     frame : launch plane
-    beside : (k,) m, distance in it from an edge at which rays tell what is there, for each sampling of the points
+    beside : (k,) m, distance in it from an edge at which rays tell the surface there, for each sampling of the points
     facets : of the scene
     """
 

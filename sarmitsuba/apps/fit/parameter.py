@@ -121,4 +121,4 @@ class Parameter(ABC):
 
     @abstractmethod
     def derivative(self, found: Derivatives) -> Iterable[C64]:
-        """Derivative by each value, (channels, pulses, samples) per unit; ``found`` holds what it asked for."""
+        """Derivative by each value, (channels, pulses, samples) per unit; ``found`` holds the requested derivatives."""

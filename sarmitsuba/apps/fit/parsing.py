@@ -1,6 +1,6 @@
-"""Parameters by their names, as on the command line.
+"""Parameters by their names, as on the command line, and the derivatives of echoes that they need.
 
-Derivatives of echoes that parameters need, in parts that one launch carries, and those found.
+Derivatives are traced in parts that one launch carries.
 """
 
 from __future__ import annotations

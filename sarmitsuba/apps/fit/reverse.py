@@ -17,8 +17,7 @@ from sarmitsuba.apps.fit.moving_edges import EdgeLattices, OfShapes
 from sarmitsuba.apps.fit.parsing import At
 from sarmitsuba.core.arrays import C64, C128, F64, I64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
-from sarmitsuba.core.errors import DataError, SceneError
-from sarmitsuba.core.parameters import one_line
+from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.machine.exclusive import backend_lock, exclusive, threads
 from sarmitsuba.machine.memory import check_fits
@@ -26,7 +25,7 @@ from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, EveryPulse, KeyPulse, Pulses, Traced
-from sarmitsuba.tracing.derivatives.adjoint_grids import AdjointGrids, GradientSum
+from sarmitsuba.tracing.derivatives.echo_derivatives import AdjointGrids, GradientSum
 from sarmitsuba.tracing.derivatives.tangent_slots import MovingShapes, SlotTangents
 
 if TYPE_CHECKING:
@@ -100,7 +99,7 @@ def gradient(
     loss : function of the raw data, complex64 (channels, pulses, samples), that returns its value and the adjoint data
         of the same shape; such as :class:`sarmitsuba.apps.fit.losses.SquaredDifference`
     values : (n,) of the parameters at which it is taken; None: those of the scene
-    edges : with what the edges of moving shapes hide and show, as for :func:`sarmitsuba.jacobian`
+    edges : with the parts that the edges of moving shapes hide and show, as for :func:`sarmitsuba.jacobian`
     witness : whether the gradient of each kind of parameter is measured against a central difference: two plain runs
         each, and for moving shapes a run back without edges
 
@@ -122,7 +121,7 @@ def gradient(
     Levels, maps of levels, shifts, heights, scales and rotations of shapes take one run back together; other parameters
     one run for every eight of them, and so do shapes where scatterers beside the surfaces (edges, wires, volumes) are
     traced. Ignores the same as :func:`sarmitsuba.jacobian`. For many steps of an optimiser,
-    :class:`Objective` keeps what is planned once. The last bits of a gradient depend on the order in which threads end.
+    :class:`Objective` keeps the plan. The last bits of a gradient depend on the order in which threads end.
     """
     return Objective(scene, parameters, loss, edges=edges).at(values, witness=witness)
 
@@ -172,15 +171,7 @@ class Objective:
     def at(self, values: F64 | None = None, *, witness: bool = False) -> Gradient:
         """The same with the raw data; None: of the scene as it is; ``witness``: as for :func:`gradient`."""
         model = self.model
-        values = model.start if values is None else _numbers(values)
-        if values.shape != model.start.shape:
-            raise SceneError(
-                f"gradient: {values.size} values for {len(model.start)} parameters; give one for each, of the shape "
-                f"({len(model.start)},), not {values.shape}"
-            )
-        if not np.isfinite(values).all():
-            wrong = ", ".join(n for n, x in zip(model.names, values, strict=True) if not np.isfinite(x))
-            raise SceneError(f"gradient: no finite value of {wrong}")
+        values = model.start if values is None else model.checked(values)
         data = model.data(values)
         value, adjoint = check_loss(self.loss, data)
         found, memory = apply_transpose(model, adjoint, values, edges=self.edges)
@@ -198,20 +189,6 @@ class Objective:
         return Gradient(model.names, values, found, value, model.raw(data), memory, seen)
 
 
-def _numbers(values: object) -> F64:
-    """Values as an array.
-
-    Raises
-    ------
-    SceneError : they are no real numbers
-    """
-    try:
-        return np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        given = one_line(repr(values))
-        raise SceneError(f"gradient: values {given} are no real numbers; give an array of them") from None
-
-
 def apply_transpose(
     model: ForwardModel, adjoint: C64 | C128, values: F64 | None = None, *, edges: bool = True
 ) -> tuple[F64, int]:
@@ -222,7 +199,7 @@ def apply_transpose(
     model : raw data as a function of n values
     adjoint : (channels, pulses, samples) complex, g
     values : (n,) at which it is taken; None: those of the scene
-    edges : with what moving edges hide and show
+    edges : with the parts that moving edges hide and show
 
     Returns
     -------

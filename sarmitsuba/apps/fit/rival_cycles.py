@@ -8,8 +8,8 @@ and place along the track exceeds that of no echo by
 
 .. math:: A = \Big(\sum |\langle m, d \rangle| / \sigma^2\Big)^2 \Big/ \sum |m|^2 / \sigma^2
 
-which is at least what is left after the values are fitted there; of the cycle that was found the real part counts. The
-probability of the latter is one over the sum of all :math:`e^{A_k - A_0}`.
+which is at least the likelihood left after the values are fitted there; of the cycle that was found the real part
+counts. The probability of the latter is one over the sum of all :math:`e^{A_k - A_0}`.
 """
 
 from __future__ import annotations

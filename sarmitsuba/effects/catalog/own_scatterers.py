@@ -1,4 +1,4 @@
-"""Scatterers of kinds of a user's own."""
+"""Scatterers of extensions' kinds."""
 
 import dataclasses
 from collections import Counter

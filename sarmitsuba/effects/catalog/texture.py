@@ -80,7 +80,7 @@ def _level_share(factor: np.ndarray) -> float:
 
 
 def _parts_share(own: Material, parts: tuple[Material, ...], wavelength: float) -> float:
-    """Largest difference of a part's diffuse amplitude from the material's own, relative to the larger one."""
+    """Largest difference of a part's diffuse amplitude from that of the material, relative to the larger one."""
     tables = [diffuse_tables(m, wavelength, _NODES) for m in (own, *parts)]
     amplitude = np.stack([np.concatenate([t.amplitude_h, t.amplitude_v]) for t in tables])
     larger = np.maximum(np.maximum(amplitude[1:], amplitude[0]), 1e-15)

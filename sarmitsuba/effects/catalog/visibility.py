@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from sarmitsuba.effects.context import SceneContext
-from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect, effects
 from sarmitsuba.effects.flags import FlagValue
 
 
@@ -30,17 +30,16 @@ class Visibility(Effect):
         """See the class."""
         if context.scene.has_sources and context.materials:
             return Assessment(True, "the mesh can hide wires, volumes or points", float("nan"))
-        depth, edges = decided["max_depth"], decided["edge_diffraction"]
-        if not depth.on and not decided["diffuse_pairs"].on and (depth.source == "fact" or not edges.on):
+        depth = decided["max_depth"]
+        hidden = next(
+            (e.hidden for e in effects() if e.hidden and e.name in decided and decided[e.name].on), ""
+        )
+        if not depth.on and (depth.source == "fact" or not hidden):
             return Assessment(False, "the antenna is visible from the first hit", -np.inf)
         if context.shape.open_sight:
             return Assessment(False, "no face stands between any other and the antenna", -np.inf)
-        if not depth.on and decided["diffuse_pairs"].on:
-            return Assessment(
-                True, "the second scatterer of a pair can be hidden from the antenna", float("nan")
-            )
         if not depth.on:
-            return Assessment(True, "edges can be hidden from the antenna", float("nan"))
+            return Assessment(True, f"{hidden} can be hidden from the antenna", float("nan"))
         # a hidden return may be stronger than all visible ones
         return Assessment(True, "later hits can be hidden from the antenna", float("nan"))
 

@@ -106,7 +106,7 @@ class Wideband(Effect):
         return Assessment(True, why, error, count, note=found.note)
 
     def _of_materials(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
-        """What materials, facets and slabs need."""
+        """Number of frequencies that materials, facets and slabs need."""
         if not context.scene.traced:
             return Assessment(False, "ideal points are the same at all frequencies", -np.inf)
         wave = context.scene.radar.waveform
@@ -155,7 +155,7 @@ class Wideband(Effect):
 
 
 def _ask_extensions(context: SceneContext) -> tuple[int, str]:
-    """Frequencies that scatterers and effects of a user's own ask for, and the name of the one that asks for most."""
+    """Frequencies that scatterers and effects of extensions ask for, and the name of the one that asks for most."""
     switches = context.scene.settings.effects
     own = [target.kind for target in context.scene.scatterers if is_own(target)]
     kinds = {name: SCATTERERS[name].frequencies for name in own if switches.get("own_scatterers") != "off"}

@@ -1,8 +1,6 @@
-"""Buildings as closed solids: an extruded footprint with a roof and facade relief.
+"""Buildings as closed solids: an extruded footprint with a roof, facade relief, and pavement around it.
 
-Roofs over footprints: flat, gabled over four corners, pyramids over convex outlines.
-
-Pavement around buildings, a kerb's height above the ground.
+Roofs are flat, gabled over four corners, or pyramids over convex outlines. Pavement lies a kerb's height above ground.
 """
 
 from collections.abc import Iterable
@@ -12,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba.core.arrays import F64, I32
-from sarmitsuba.loading.importing.facades import FacadeBuilder, FacadeOptions, wall_quads
+from sarmitsuba.loading.importing.facades import FacadeBuilder, FacadeOptions, Walls, wall_quads
 from sarmitsuba.loading.importing.parts import Parts
 from sarmitsuba.loading.importing.polygons import triangulate, why_unusable
 
@@ -156,17 +154,16 @@ def add_building(parts: Parts, building: Building, number: int, facades: FacadeB
     from shapely.geometry.polygon import orient
 
     polygon = orient(building.polygon)
-    segments = wall_segments(polygon)
-    facades.add_walls(
-        parts,
+    walls = Walls(
         number,
-        segments,
+        wall_segments(polygon),
         building.foot,
         building.ground,
         building.eaves,
         building.storey,
         building.wall,
     )
+    facades.add_walls(parts, walls)
     roof = make_roof(polygon, building.roof_shape, building.across)
     z = building.eaves + (building.ridge - building.eaves) * roof.lift
     top = np.column_stack([roof.corners, z])

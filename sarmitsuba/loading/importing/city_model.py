@@ -1,6 +1,6 @@
 """Model of a city in the scene's frame: position, ground, buildings, meshes.
 
-Attributes of buildings from OpenStreetMap tags and equivalent properties of other maps.
+Attributes of buildings come from OpenStreetMap tags and equivalent properties of other maps.
 """
 
 import re
@@ -362,7 +362,8 @@ def _add_footprints(
     with_relief = []
     for number in nearest:
         building = buildings[number]
-        roof = add_building(parts, building, int(number), facades)
+        with parts.of_building(names[number]):
+            roof = add_building(parts, building, int(number), facades)
         if roof.is_flat and building.roof_shape not in ("", "flat"):
             source.assume("roofs of unsupported shapes, flat ones taken", names[number])
         if not facades.full:
@@ -404,13 +405,14 @@ def _building(
     pitched = one.roof_shape in (*GABLED, *PYRAMIDS)
     height = one.height - one.above
     roof = min(one.roof if one.roof > 0.0 else rise(polygon, height), height) if pitched else 0.0
+    top = one.height + (roof if one.lacks_roof else 0.0)
     sunk = FOOT + (options.tolerance if sloped else 0.0)
     return Building(
         polygon,
         foot=low + one.above if one.above else low - sunk,
         ground=low + one.above,
-        eaves=low + one.height - roof,
-        ridge=low + one.height,
+        eaves=low + top - roof,
+        ridge=low + top,
         roof_shape=one.roof_shape,
         across=one.across,
         wall=materials["walls"],
@@ -440,12 +442,13 @@ def _add_solids(
         if raster is None:
             moved[:, 2] -= moved[:, 2].min()
         split = iter(np.split(moved, np.cumsum([len(ring) for ring in rings])[:-1]))
-        for part, own in solid.polygons:
-            mesh = triangulate_in_space([next(split) for _ in own])
-            if mesh is None:
-                source.skip("polygons that intersect themselves or have no area", solid.name)
-            else:
-                parts.add(part, materials[part], *mesh)
+        with parts.of_building(solid.name):
+            for part, own in solid.polygons:
+                mesh = triangulate_in_space([next(split) for _ in own])
+                if mesh is None:
+                    source.skip("polygons that intersect themselves or have no area", solid.name)
+                else:
+                    parts.add(part, materials[part], *mesh)
         made += 1
     if made and raster is None:
         source.notes.append(
@@ -555,6 +558,7 @@ def footprint(
     if np.isnan(roof) and roof_levels > 0.0:
         roof = roof_levels * storey
     height = _positive(source, name, tags, _HEIGHTS, _TALLEST, "heights")
+    lacks_roof = np.isnan(height) and levels > 0.0 and not roof > 0.0
     if np.isnan(height) and levels > 0.0:
         height = levels * storey + (roof if roof > 0.0 else 0.0)
     elif np.isnan(height):
@@ -575,6 +579,7 @@ def footprint(
         height,
         above,
         roof=roof,
+        lacks_roof=bool(lacks_roof),
         roof_shape=str(tags.get("roof:shape", "")),
         across=tags.get("roof:orientation") == "across",
         storey=storey,

@@ -122,7 +122,7 @@ def _write(model: Model, output: Path, meshes: OutputFolder) -> None:
 
     An interruption leaves either scene complete; unused meshes are removed by the next import.
     """
-    parts = tuple(model.parts)
+    parts = tuple(model.parts.shapes())
     names = _free_names(meshes.path, [part for part, *_ in parts])
     old = [name for name in meshes.listed if name not in names]
     made: os.stat_result | None = None
@@ -177,10 +177,10 @@ def _text(model: Model, folder: str, files: list[tuple[str, str, str]]) -> str:
     """Text of the scene file."""
     bsdfs = "".join(_bsdf(material) for material in dict.fromkeys(material for _, material, _ in files))
     shapes = "".join(
-        f'    <shape type="ply" id={_attribute(printable(f"{part} {number}"))}>\n'
+        f'    <shape type="ply" id={_attribute(part)}>\n'
         f'        <string name="filename" value={_attribute(f"{folder}/{name}")}/>\n'
         f'        <ref id="{material}"/>\n    </shape>\n'
-        for number, (part, material, name) in enumerate(files)
+        for part, material, name in files
     )
     place, anchor = _PLACE, ""
     if model.anchor is not None:

@@ -148,6 +148,28 @@ _BOUNDS: dict[str, tuple[float, float]] = {
 assert set(_BOUNDS) < {field.name for field in fields(FacadeOptions)}
 
 
+@dataclass(frozen=True, eq=False)
+class Walls:
+    """Walls of a building.
+
+    Parameters
+    ----------
+    number : of the building, which with the seed determines its relief
+    segments : (n, 2, 2) float64, m, start and end, the outside to the right
+    foot, ground, eaves : heights of the walls' lower end, of the ground and of the upper end, m
+    storey : height of a storey, m
+    material : of the walls
+    """
+
+    number: int
+    segments: F64
+    foot: float
+    ground: float
+    eaves: float
+    storey: float
+    material: str
+
+
 class FacadeBuilder:
     """Builds walls, plain or with relief, and counts windows, balconies and triangles.
 
@@ -162,69 +184,35 @@ class FacadeBuilder:
         self.n_windows = self.n_balconies = self.n_triangles = self.n_plain = 0
         self.full = False
 
-    def add_walls(
-        self,
-        parts: Parts,
-        number: int,
-        segments: F64,
-        foot: float,
-        ground: float,
-        eaves: float,
-        storey: float,
-        material: str,
-    ) -> None:
-        """Add the walls of a building; plain ones when those before have used up the limit of triangles.
-
-        Parameters
-        ----------
-        parts : collection to which they are added
-        number : of the building, which with the seed determines its relief
-        segments : (n, 2, 2) float64, m, start and end, the outside to the right
-        foot, ground, eaves : heights of the walls' lower end, of the ground and of the upper end, m
-        storey : height of a storey, m
-        material : of the walls
-        """
+    def add_walls(self, parts: Parts, walls: Walls) -> None:
+        """Add the walls of a building; plain ones when earlier buildings have used up the limit of triangles."""
         before = self.n_windows, self.n_balconies, self.n_triangles
         own = Parts()
-        if (
-            self.options.relief
-            and not self.full
-            and not self._walls(own, number, segments, foot, ground, eaves, storey, material)
-        ):
+        if self.options.relief and not self.full and not self._walls(own, walls):
             self.full = True
             self.n_windows, self.n_balconies, self.n_triangles = before
         if self.full or not self.options.relief:
             own = Parts()
             self.n_plain += 1
-            for start, end in segments:
-                self._plain(own, start, end, foot, eaves, material)
+            for start, end in walls.segments:
+                self._plain(own, start, end, walls)
             self.n_triangles = before[2]
         for mesh in own:
             parts.add(*mesh)
 
-    def _walls(
-        self,
-        parts: Parts,
-        number: int,
-        segments: F64,
-        foot: float,
-        ground: float,
-        eaves: float,
-        storey: float,
-        material: str,
-    ) -> bool:
+    def _walls(self, parts: Parts, walls: Walls) -> bool:
         """Add walls with relief; False, with some of them missing, where the limit of triangles is exceeded."""
-        o = self.options
-        rng = np.random.default_rng([o.seed, number])
+        o, foot, ground, eaves, storey = self.options, walls.foot, walls.ground, walls.eaves, walls.storey
+        rng = np.random.default_rng([o.seed, walls.number])
         means = np.array([o.bay, o.window_width, o.window_height, o.recess, o.balcony_depth])
         bay, width, height, recess, depth = means * np.clip(rng.normal(1.0, o.spread, 5), 0.5, 1.5)
         n_storeys = round((eaves - ground) / storey)
         relief = (o.windows or o.balconies) and eaves - ground >= _LOWEST and n_storeys >= 1
-        for start, end in segments:
+        for start, end in walls.segments:
             length = float(np.hypot(*(end - start)))
             n_bays = round(length / bay) if relief else 0
             if not n_bays:
-                self._plain(parts, start, end, foot, eaves, material)
+                self._plain(parts, start, end, walls)
                 continue
             rows = np.linspace(ground, eaves, n_storeys + 1)
             rows = np.concatenate([[foot], rows]) if foot < ground else rows
@@ -240,14 +228,14 @@ class FacadeBuilder:
             behind = np.broadcast_to(columns, (rows.size - 1, n_bays)).ravel()
             second = wall.low[:, 1] > ground + 0.5 * storey
             hung = behind & second if o.balconies else np.zeros_like(upper)
-            self._windows(parts, wall, glazed, size, recess, material)
+            self._windows(parts, wall, glazed, size, recess, walls.material)
             self._balconies(parts, wall, hung, depth)
             if self.n_triangles > o.limit:
                 return False
         return True
 
-    def _plain(self, parts: Parts, start: F64, end: F64, foot: float, eaves: float, material: str) -> None:
-        parts.add("walls", material, *wall_quads(start, end, foot, eaves))
+    def _plain(self, parts: Parts, start: F64, end: F64, walls: Walls) -> None:
+        parts.add("walls", walls.material, *wall_quads(start, end, walls.foot, walls.eaves))
         self.n_triangles += 2
 
     def _windows(

@@ -119,7 +119,7 @@ def check_map(points: F64, crs: str, where: str) -> None:
 def try_conversion(points: F64, crs: str, where: str) -> None:
     """Convert coordinates (n, 2) to longitude and latitude, and those back, in a process apart first.
 
-    The system may be a file's own, of any parameters.
+    The system may be defined by a file, with any parameters.
 
     Raises
     ------

@@ -8,6 +8,11 @@ from sarmitsuba.core.errors import SceneError
 from sarmitsuba.core.parameters import one_line
 from sarmitsuba.machine import regular_files
 from sarmitsuba.machine.encoding import json_value
+from sarmitsuba.machine.memory import check_fits
+
+# bytes of memory for a byte of text: of JSON a pair of one-digit numbers, [1,1], takes 6 and 80 in memory; of XML an
+# empty element, <a/>, 4 and 120
+_UNPACKED_JSON, _UNPACKED_XML = 14, 30
 
 
 class _PrologError(Exception):
@@ -40,8 +45,10 @@ def read_json(path: Path) -> object:
     def refuse(constant: str) -> float:
         raise SceneError(f"{path.name}: holds {constant}, which is no JSON number; export it again")
 
+    text = read_bytes(path)
+    check_fits(f"{path.name}: reading its JSON", _UNPACKED_JSON * len(text), "cut out a part")
     try:
-        content: object = json_value(read_bytes(path), refuse)
+        content: object = json_value(text, refuse)
     except UnicodeDecodeError as error:
         raise SceneError(f"{path.name}: is not UTF-8 text; export it again") from error
     except ValueError as error:
@@ -57,6 +64,7 @@ def read_xml(path: Path) -> ET.Element:
     SceneError : it is malformed, or declares a document type
     """
     content = read_bytes(path)
+    check_fits(f"{path.name}: reading its XML", _UNPACKED_XML * len(content), "cut out a part")
     prolog = xml.parsers.expat.ParserCreate()
 
     def refuse(*_: object) -> None:

@@ -15,6 +15,7 @@ from sarmitsuba.core.parameters import one_line
 from sarmitsuba.core.registry import Registry
 from sarmitsuba.loading.importing.import_options import ImportOptions
 from sarmitsuba.loading.mesh_files import MeshPart
+from sarmitsuba.machine.regular_files import describe_missing
 
 if TYPE_CHECKING:
     import shapely
@@ -30,6 +31,7 @@ class BuildingFootprint:
     polygon : in the coordinates of the file
     height, above : heights of its top and of its lower side over the ground, m
     roof : height of the roof, part of ``height``, m; nan: not stated
+    lacks_roof : whether ``height``, from storeys, ends at the eaves, because no height of the roof is stated
     roof_shape, across : see `sarmitsuba.loading.importing.buildings.make_roof`
     storey : height of a storey, m
     wall_material, roof_material : names in the file, or empty
@@ -41,6 +43,7 @@ class BuildingFootprint:
     height: float
     above: float = 0.0
     roof: float = np.nan
+    lacks_roof: bool = False
     roof_shape: str = ""
     across: bool = False
     storey: float = 3.0
@@ -150,7 +153,7 @@ def find_source(path: Path) -> SourceFormat:
             f"{one_line(path.name)}: cannot be read: {error.strerror}; check the path"
         ) from error
     if not there:
-        raise SceneError(f"{one_line(path)}: no such file or folder; check the path")
+        raise SceneError(f"{one_line(path)}: {describe_missing(path)}; check the path")
     for entry in SOURCES:
         if suffixes & set(entry.suffixes) and (entry.folders or not folder):
             return entry

@@ -1,6 +1,6 @@
 """Elevation rasters as terrain in the scene's frame.
 
-Triangulation of height rasters: right-triangulated irregular networks with a measured error bound.
+Rasters become right-triangulated irregular networks with a measured error bound.
 """
 
 import os

@@ -8,7 +8,7 @@ import numpy as np
 
 from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import SceneError
-from sarmitsuba.core.parameters import Value, float_value, string_value
+from sarmitsuba.core.parameters import Value, did_you_mean, float_value, string_value
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.scene.materials.change import change_of
 from sarmitsuba.scene.materials.diffuse_law import LAWS, DiffuseLaw, law_parameters
@@ -49,7 +49,7 @@ def named_material(
     kind : name in ``MATERIALS``
     frequency : Hz
     surface : source of its roughness and diffuse law; None for a smooth one
-    values : of the material's own parameters; missing ones have their defaults
+    values : of the material's parameters; missing ones have their defaults
     """
     entry, surface = MATERIALS[kind].at(values or {}), surface or smooth()
     if entry.thickness and not surface.thickness:
@@ -364,6 +364,7 @@ def ordinary_material(
     warning += "give it an id that names a material, or use radar_material, for another"
     if plugin not in ORDINARY_BSDFS:
         warning += ", or load the extension that defines it (--extension FILE)"
+        warning += did_you_mean(plugin, ("radar_material", *ORDINARY_BSDFS, *ADAPTER_BSDFS))
     return named_material(name, kind, frequency, surface)[0], warning, ""
 
 

@@ -23,6 +23,8 @@ T = TypeVar("T")
 
 # amplitudes of h and v that differ by less than this share count as equal, -60 dB
 _SAME_AMPLITUDE = 1e-3
+# nodes of a table of which only the range of validity and the notes are asked: they do not depend on the angle
+FEW_ANGLES = 9
 
 
 @dataclass(frozen=True, eq=False)

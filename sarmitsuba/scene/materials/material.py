@@ -1,7 +1,4 @@
-"""Electromagnetic properties of the surface of a half space or slab.
-
-Permittivity over frequency: source of a material's permittivity, for evaluation at other frequencies.
-"""
+"""Electromagnetic properties of the surface of a half space or slab, and their source at other frequencies."""
 
 from dataclasses import dataclass, replace
 
@@ -23,7 +20,7 @@ class Dispersion:
     Parameters
     ----------
     kind : name in ``MATERIALS``; empty: given by ``real`` and ``conductivity``
-    values : name and value of the named material's own parameters; missing ones have their defaults
+    values : name and value of the named material's parameters; missing ones have their defaults
     real : relative permittivity, real part
     conductivity : S/m
     """
@@ -63,7 +60,7 @@ class Material:
     invisible : neither reflects nor blocks (permittivity 1)
     temporal_coherence : of the incoherent return between two passes long apart, 0 ... 1; 1: no change
     decorrelation_days : time constant of the decay to it; 0: at once
-    law_parameters : name and value of the law's own parameters; missing ones have their defaults
+    law_parameters : name and value of the law's parameters; missing ones have their defaults
     texture_shape : shape nu of the gamma texture that multiplies the diffuse return (K distribution); 0 for none
     texture_length : m; correlation length of that texture
     maps : bitmaps of the properties over the surface; None: constant
@@ -160,7 +157,7 @@ class ClassMap:
     Parameters
     ----------
     bitmap : of numbers of ``materials``, not smooth
-    materials : none invisible, none with maps of its own
+    materials : none invisible, none with maps
     """
 
     bitmap: Bitmap

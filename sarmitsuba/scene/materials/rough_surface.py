@@ -1,7 +1,4 @@
-"""Polarisation of first-order scattering by a slightly rough half space.
-
-Spectra of rough surfaces.
-"""
+"""Spectra of slightly rough surfaces, and the polarisation of their first-order scattering."""
 
 from typing import Literal
 

@@ -59,7 +59,7 @@ def slab_coefficients(
     Notes
     -----
     Ignores finite width and roughness. The kernel has the same formulas in single precision
-    (``trace/slab_coefficients.py``);
+    (``tracing/scatterers/slabs/slab_coefficients.py``);
     :mod:`sarmitsuba.truth.theory.slabs` sums the reflections between the faces and shares no code.
 
     References

@@ -1,7 +1,4 @@
-"""Edges of the facets of a mesh, which bound what is seen of it.
-
-Closed surfaces: test, enclosed volume and area.
-"""
+"""Edges of the facets of a mesh, which bound its visible part; closed surfaces, their volume and area."""
 
 from __future__ import annotations
 
@@ -67,7 +64,7 @@ class FacetEdges:
         return FacetEdges(corners[own], ends[own], normal[faces], smooth[own], faces)
 
     def seen(self, antenna: F64) -> NDArray[np.bool_]:
-        """(n,) edges that may bound what is seen from a place (3,), m: of a curved surface its outline alone."""
+        """(n,) edges that may bound the part visible from a place (3,), m: of a curved surface its outline alone."""
         front = np.einsum("nik,nk->ni", self.normals, antenna - self.start) > 0.0
         return np.asarray(np.where(self.smooth, front[:, 0] != front[:, 1], True))
 

@@ -1,8 +1,6 @@
-"""Triangles of Wavefront OBJ files, in linear time and memory.
+"""Mesh files: triangles of Wavefront OBJ in linear time and memory, plain binary PLY, and Mitsuba's ``serialized``.
 
-PLY meshes: writing, and fast reading of the plain binary layout.
-
-Triangles of Mitsuba's binary mesh format ``serialized``, which is compressed by zlib.
+PLY is also written. ``serialized`` is compressed by zlib.
 """
 
 import re

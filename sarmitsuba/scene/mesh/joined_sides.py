@@ -136,11 +136,11 @@ def _near(start: F64, step: F64, length: F64, reach: F64) -> tuple[I64, I64]:
 
 
 def _parts(a: I64, b: I64, low: F64, high: F64, gap: F64, least: F64) -> F64:
-    """Rows (side, partner or -1, low, high, gap or -1): parts of the sides ``a`` between the ends of what lies on them.
+    """Rows (side, partner or -1, low, high, gap or -1): parts of the sides ``a`` between the ends of sides on them.
 
     Parameters
     ----------
-    a, b : (n,) sides and what lies on them from ``low`` to ``high``, across a ``gap``, sorted by a
+    a, b : (n,) sides and the sides on them from ``low`` to ``high``, across a ``gap``, sorted by a
     least : of all sides, share of the length below which a part is none
     """
     begin = np.flatnonzero(np.diff(a, prepend=-1))

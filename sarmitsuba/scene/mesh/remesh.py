@@ -1,8 +1,7 @@
 """Meshes of even triangles of one size, for solvers of surface currents: sharp edges and rims stay where they are.
 
-Triangles that meet corner to corner: sides are cut where corners of others lie on them.
-
-Places where parts of a surface touch or cross without sharing edges.
+Triangles meet corner to corner: sides are cut where corners of others lie on them. Places where parts of a surface
+touch or cross without sharing edges are found.
 """
 
 from dataclasses import dataclass
@@ -193,7 +192,7 @@ def _split(vertices: F64, faces: I64, lines: I64, longest: float) -> tuple[F64, 
 
 
 def _collapse(vertices: F64, faces: I64, lines: I64, length: float) -> tuple[I64, I64]:
-    """Move corners of short edges into their other end, where the surface stays what it is."""
+    """Move corners of short edges into their other end, where the surface stays the same."""
     for _ in range(COLLAPSES):
         edges = _Edges.of(vertices, faces)
         size = edges.lengths(vertices)

@@ -1,6 +1,6 @@
-"""Sharp edges of metal: edges of open sheets and wedges between two facets.
+"""Sharp edges of metal: edges of open sheets, wedges between two facets, and rims of thin plates.
 
-Rims of thin metal plates: pairs of wedges a small part of a wavelength apart, which diffract as one half plane.
+A rim is a pair of wedges a small part of a wavelength apart, which diffract as one half plane.
 """
 
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,4 @@
-"""Smooth surface through the corners of facets: how far it lies off them, and finer facets on it.
-
-Curvature of the smooth surface that facets approximate.
-"""
+"""Smooth surface through the corners of facets: its curvature, its distance from them, and finer facets on it."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +39,7 @@ def facet_curvature(
 
     Returns
     -------
-    (n_faces, 8) float64, 1/m: S_xx, S_yy, S_zz, S_xy, S_xz, S_yz of the face's own normal, two unused; zero for flat
+    (n_faces, 8) float64, 1/m: S_xx, S_yy, S_zz, S_xy, S_xz, S_yz of the face's normal, two unused; zero for flat
         facets, and for those so large that the surface would lie more than an eighth of a wavelength off them. None
         when all are zero
 
@@ -256,7 +253,7 @@ def smooth_surface(vertices: F64, faces: I32, group: I32 | I64, sagitta: float) 
 
 
 def _corner_normals(corners: F64, vertex: I64, group: I32 | I64) -> F64:
-    """(n, 3, 3) mean normals at the corners of facets of each group; the facet's own where they lean too far.
+    """(n, 3, 3) mean normals at the corners of facets of each group; the facet's where they lean too far.
 
     Weights after Max, Weights for Computing Vertex Normals from Facet Normals (1999): exact on spheres.
     """

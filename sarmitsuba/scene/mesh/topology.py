@@ -1,9 +1,4 @@
-"""Welding: labels of vertices at equal positions.
-
-Edges that two triangles of a mesh share.
-
-Connected parts of meshes and of other graphs.
-"""
+"""Topology of meshes: vertices at equal positions, edges that two triangles share, connected parts."""
 
 import numpy as np
 

@@ -1,6 +1,7 @@
 """Synthetic aperture of one point: antenna weights, and area and shape of the impulse response.
 
-Noise-equivalent cell for beams only a few azimuth cells wide, whose gain varies within one cell.
+Beams only a few azimuth cells wide have a gain that varies within a cell, and a noise-equivalent cell that allows for
+it.
 """
 
 from collections.abc import Callable, Sequence
@@ -243,7 +244,7 @@ def beam_turn(radar: Radar) -> F64:
 
 
 def aperture_weights(radar: Radar, point: ArrayLike, azimuth_window: str | Window) -> F64:
-    """Azimuth weight w of every pulse at points (..., 3), (..., n_pulses): over pulse index or the pixel's own band."""
+    """Azimuth weight w of every pulse at points (..., 3), (..., n_pulses): over pulse index or the pixel's band."""
     window, place = parse_window(azimuth_window), np.asarray(point, dtype=np.float64)
     if np.isinf(radar.half_aperture):
         return _whole_aperture(radar.track.n_pulses, window, WINDOWS[window.name].function).copy()
@@ -348,7 +349,7 @@ def dimness(radar: Radar, point: F64) -> float:
 
 
 def ends_rounding(radar: Radar) -> float:
-    r"""Relative error power because of float32 sines at the ends of the pixels' own apertures.
+    r"""Relative error power because of float32 sines at the ends of the pixels' apertures.
 
     A pulse at an end counts by its part within the band, so that an error :math:`\epsilon` of the sine is one of
     :math:`\epsilon / \Delta` of its weight, :math:`\Delta` the step to the next pulse's. Of :math:`2 s_a / \Delta`

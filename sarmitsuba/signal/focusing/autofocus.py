@@ -1,6 +1,6 @@
 """Autofocus: estimation of the track's error along the line of sight, pulse by pulse, from the data.
 
-Phase histories of selected pixels: the terms of backprojection's sum, pulse by pulse.
+It reads phase histories of selected pixels, the terms of backprojection's sum.
 """
 
 from abc import ABC, abstractmethod

@@ -1,10 +1,7 @@
-"""Compiled inner loop of backprojection: for every pixel, sum over pulses (Dr.Jit, LLVM or CUDA).
+"""Compiled inner loops of backprojection, a sum over pulses for every pixel, and of its adjoint (Dr.Jit, LLVM or CUDA).
 
-Compiled inner loop of backprojection's adjoint: every pixel's value added to the profiles of all pulses.
-
-Complex numbers as pairs of Dr.Jit arrays.
-
-Pixels that share a lane of the back end, and a pulse's line of sight to them (Dr.Jit).
+The adjoint adds every pixel's value to the profiles of all pulses. Pixels that share a lane share a pulse's line of
+sight. Complex numbers are pairs of arrays.
 """
 
 from __future__ import annotations

@@ -1,12 +1,8 @@
 """Focusing of raw data into a calibrated complex image.
 
-Steps before focusing that focusing and its linear operator share: compression, grid, choice of the focuser.
-
-Error of simulated echoes, known before they are focused.
-
-Share of the echoes' energy that an image shows.
-
-Image rows at the edge of a steered beam, where side lobes of brighter ground exceed the local clutter.
+Compression, grid and choice of the focuser are shared with focusing as a linear operator. The image states the error
+of simulated echoes, which is known before, and the share of the echoes' energy that it shows. At the edge of a steered
+beam, rows in which side lobes of brighter ground exceed the local clutter are found.
 """
 
 import math
@@ -49,6 +45,7 @@ from sarmitsuba.signal.focusing.focuser import (
     check_image_fits,
     parse_focuser,
 )
+from sarmitsuba.signal.focusing.frequency_domain.turning import turns
 from sarmitsuba.signal.focusing.grid import default_grid
 from sarmitsuba.signal.focusing.motion_compensation import (
     Residual,
@@ -71,7 +68,7 @@ _PULSES = 64
 def data_error_db(raw: RawData) -> float:
     r"""Measured error of echoes relative to their energy, dB: NaN where none is known, -inf where there is none.
 
-    The sum of what is measured before focusing: blocks of pulses, and ray sampling by the difference of two ray
+    The sum of the errors measured before focusing: blocks of pulses, and ray sampling by the difference of two ray
     subsets, in the worst channel,
 
     .. math:: \epsilon^2 = \frac{1}{4} \sum |x_1 - x_2|^2 / \sum |w_1 x_1 + w_2 x_2|^2
@@ -372,8 +369,8 @@ def focus(
     Parameters
     ----------
     raw : chirped (compressed here first) or range-compressed data, or the file of such data
-    grid : pixels; default: :func:`default_grid` of ``request``, or of the data's own request
-    request : image request for the default grid, or a mapping with changes of the data's own, such as
+    grid : pixels; default: :func:`default_grid` of ``request``, or of the data's request
+    request : image request for the default grid, or a mapping with changes of that of the data, such as
         ``{"grid": "ground", "extent_range": 40.0, "spacing_range": 0.1, "height": 3.0}``
     focuser : name in ``FOCUSERS`` (``backprojection``: any track and grid; ``omega_k``, ``range_doppler``,
         ``chirp_scaling``: straight, level, uniform track, a grid along it), with options if wanted, such as
@@ -447,7 +444,7 @@ def focus(
             warnings.warn(f"focus: {text}", SarmitsubaWarning, stacklevel=2)
     stated = law_db
     if witness is not None:
-        stated = _state_error(witness, left_db, exact=focuser.name == EXACT)
+        stated = _state_error(witness, left_db, by_law=focuser.name == EXACT or turns(raw.radar))
     facts = {
         "method": focuser.name,
         "stated_error_db": round(stated, 1) if np.isfinite(stated) else None,
@@ -480,17 +477,18 @@ def focus(
     )
 
 
-def _state_error(found: Witness, left_db: float, *, exact: bool) -> float:
-    """Level that the error of an image is stated to stay below, dB, from what was measured at some of its pixels.
+def _state_error(found: Witness, left_db: float, *, by_law: bool) -> float:
+    """Level that the error of an image is stated to stay below, dB, from measurements at some of its pixels.
 
     Errors gather in few pixels, some of which a sample misses: ``UNSEEN_DB`` above the measured level, or up to what
-    the law foretold where that is less. Backprojection's law is a bound of its interpolation, and its sample small.
-    ``left_db`` : what motion compensation leaves, by law, which gathers at the image's ends.
+    the law foretold where that is less. Backprojection's law is a bound of its interpolation, and its sample small;
+    of a beam that turns the errors lie at the ends of the track.
+    ``left_db`` : error left by motion compensation, by law, which gathers at the image's ends.
     """
     upper = _add_levels(found.upper_db, left_db)
     if np.isnan(found.law_db):
         return upper + UNSEEN_DB
-    return max(upper, found.law_db if exact else min(upper + UNSEEN_DB, found.law_db))
+    return max(upper, found.law_db if by_law else min(upper + UNSEEN_DB, found.law_db))
 
 
 def _add_levels(first: float, second: float) -> float:

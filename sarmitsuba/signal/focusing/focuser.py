@@ -1,8 +1,6 @@
-"""Focusers: interface of the focusing algorithms, with their limits, stated errors and calibration.
+"""Focusers: interface of the focusing algorithms, with their options, limits, memory, stated errors and calibration.
 
-Options of focusers and autofocusers: the fields of a frozen dataclass, each with a default and a line of help.
-
-Memory needs of focusing, from the sizes of data and image.
+Options are the fields of a frozen dataclass, each with a default and a line of help.
 """
 
 import dataclasses
@@ -234,8 +232,8 @@ class Focuser(WithOptions, ABC):
 
     Attributes
     ----------
-    name : what users write
-    title : what it is for, one line
+    name : in the user's input
+    title : purpose, one line
     bistatic : whether it accepts data with a separate receiver
     """
 

@@ -1,6 +1,6 @@
-"""Image grid from a radar and an image request.
+"""Image grid from a radar and an image request, and conversion from a straight track's slant grid to a ground grid.
 
-Conversion from the slant grid of a straight track to a ground grid by band-limited interpolation over range.
+The conversion is band-limited interpolation over range.
 """
 
 import dataclasses
@@ -38,7 +38,7 @@ _WEAK = 0.01
 def image_request(
     raw: RawData | Radar, request: ImageRequest | Mapping[str, object] | None = None
 ) -> ImageRequest:
-    """Image request: the data's own, else a default one, with the requested changes.
+    """Image request: that of the data, else a default one, with the requested changes.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def image_request(
 def default_grid(
     raw: RawData | Radar, request: ImageRequest | Mapping[str, object] | None = None
 ) -> ImageGrid:
-    """Image grid of a request, of the data's own request, or of a default one about the aim point.
+    """Image grid of a request, of the data's request, or of a default one about the aim point.
 
     Parameters
     ----------

@@ -74,7 +74,7 @@ def plan_look(
 
     .. math:: k_p = 4 \pi ((f_c + f) \cos\delta - f_c) / c, \quad k_c = 4 \pi (f_c + f) \sin\delta \; (db / dc) / c,
 
-    delta the angle of the pulse's line of sight off the pixel's own beam axis.
+    delta the angle of the pulse's line of sight off the pixel's beam axis.
 
     Parameters
     ----------

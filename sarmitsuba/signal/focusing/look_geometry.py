@@ -258,7 +258,7 @@ def _cut_to_lit(place: F64, weights: F64) -> tuple[F64, F64]:
 
 
 def _edges(place: F64, alone: float) -> F64:
-    """(n + 1,) limits of what each of n pulses stands for; ``alone``: of one pulse."""
+    """(n + 1,) limits of the part of the aperture of each of n pulses; ``alone``: of one pulse."""
     if place.size < 2:
         return np.array([place[0] - 0.5, place[0] + 0.5]) * alone
     middle = 0.5 * (place[1:] + place[:-1])

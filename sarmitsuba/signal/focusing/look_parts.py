@@ -1,7 +1,4 @@
-"""Powers of parts of an image of one look, each over the pixels about its echoes only.
-
-Mean power of an image of one look from the mean powers of independent echoes.
-"""
+"""Parts of an image of one look, each over the pixels about its echoes, and mean powers of independent echoes."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -16,6 +16,7 @@ from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.signal.focusing.aperture_weights import direction_gain
 from sarmitsuba.signal.focusing.focuser import Focuser, check_focuser
+from sarmitsuba.signal.focusing.frequency_domain.turning import lit_from_orbit, turns
 from sarmitsuba.signal.gridding import gridding_kernel
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.raw_data import RawData
@@ -194,7 +195,7 @@ def compensation_residual(plan: Straightening, grid: ImageGrid) -> Residual:
 
     .. math:: \frac{4 \pi}{\lambda} \left| (|A_t - p| - |L_t - p|) - \Delta R_t(|L_t - p|) \right|
 
-    A the recorded positions, L their foot points on the line, :math:`\Delta R` what is compensated: the excess range of
+    A the recorded positions, L their foot points on the line, :math:`\Delta R` the compensated excess range of
     a point as far away in the direction of the reference. The energy is that of the point's echoes, compensated and
     resampled as data are, minus those from the line, where backprojection gives recorded pulses equal weight; plus the
     change of the beam's gain and the ripple of echoes cut by the receive window. Evaluated at the edges of the image,
@@ -262,7 +263,7 @@ class MotionCompensation(LinearMap):
     Two steps in range, then the pulses are resampled to uniform positions along the line:
 
     1. the reference's excess range :math:`\Delta R_t` by a phase ramp over the band,
-       :math:`e^{j (k_c + \kappa) \Delta R_t}`, which removes the reference's own history for the third step;
+       :math:`e^{j (k_c + \kappa) \Delta R_t}`, which removes the reference's history for the third step;
     2. the difference :math:`\Delta R_t(r) - \Delta R_t` of every range r, in phase and in place;
     3. resampling from the recorded to uniform places, after which the line's range history is restored.
 
@@ -475,7 +476,7 @@ def needs_compensation(
         )
     if not focuser.objection(radar, grid):
         return None
-    if option == "off" or radar.track.is_straight or radar.receiver is not None:
+    if option == "off" or radar.track.is_straight or radar.receiver is not None or lit_from_orbit(radar):
         check_focuser(focuser, radar, grid)
     try:
         plan = plan_straightening(radar, grid)
@@ -483,6 +484,11 @@ def needs_compensation(
         raise DataError(
             f"focuser {focuser.name}: motion compensation: {error}; take focuser backprojection"
         ) from None
+    if turns(plan.straight):
+        raise DataError(
+            f"focuser {focuser.name}: motion compensation: the beam turns over a curved track; take focuser "
+            "backprojection"
+        )
     check_focuser(focuser, plan.straight, grid)
     residual = compensation_residual(plan, grid)
     if residual.phase > LARGEST_RESIDUAL:

@@ -132,7 +132,7 @@ def focusing_operator(
     Raises
     ------
     DataError
-        What :func:`sarmitsuba.focus` refuses, an autofocuser, or a focuser that states no adjoint.
+        Data that :func:`sarmitsuba.focus` refuses, an autofocuser, or a focuser that states no adjoint.
 
     Notes
     -----

@@ -1,6 +1,6 @@
 """Backprojection and its adjoint divided into independent launches of pixels and batches of pulses.
 
-Lines of pixels along azimuth, one per lane of the compiled backprojection, and their largest length.
+A lane of the compiled kernel has a line of pixels along azimuth, as long as its error allows.
 """
 
 from __future__ import annotations
@@ -440,7 +440,7 @@ class TiledImaging(LinearMap):
 
 @dataclass(frozen=True, eq=False)
 class _TileLanes:
-    """Pixels of one launch on the device, with what the kernels take of radar and data.
+    """Pixels of one launch on the device, with the kernels' inputs from radar and data.
 
     Parameters
     ----------

@@ -1,7 +1,4 @@
-"""Sum of the pulses' weights over an image: computed at nodes, with cubic splines between them.
-
-Predicted thermal noise in a focused image, from the receiver noise and a pixel's weights.
-"""
+"""Sum of the pulses' weights over an image, at nodes with cubic splines between, and the noise predicted from it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -79,7 +76,7 @@ def sum_at_nodes(grid: ImageGrid, sums: Callable[[ImageGrid], F64], most: int = 
 
     Notes
     -----
-    Ignores what happens between places checked, which are closer than half of a node's distance.
+    Ignores errors between the checked places, which are closer than half of a node's distance.
     """
     nodes = [
         np.linspace(axis[0], axis[-1], n) if axis.size > 1 else np.asarray(axis[:1], dtype=np.float64)
@@ -171,7 +168,7 @@ def noise_equivalent_sigma0(
     .. math:: \sigma^0_{ne} = \sigma_n / A
 
     with :func:`noise_equivalent_rcs` and the impulse response's area A on the ground,
-    :func:`sarmitsuba.signal.focusing.aperture_weights.ground_cell_area`; arguments, errors and what is ignored are
+    :func:`sarmitsuba.signal.focusing.aperture_weights.ground_cell_area`; arguments, errors and limits are
     theirs.
     """
     area = ground_cell_area(radar, np.asarray(point, dtype=np.float64), weights, range_window)

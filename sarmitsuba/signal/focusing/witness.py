@@ -53,11 +53,11 @@ def sum_exactly(raw: RawData, points: F64, range_window: Window, azimuth_window:
     ----------
     raw : range-compressed data; the layers of each channel are added up
     points : (n, 3) float64, m, scene frame
-    range_window, azimuth_window : over the bandwidth and over the pulses, or the pixels' own apertures
+    range_window, azimuth_window : over the bandwidth and over the pulses, or the pixels' apertures
 
     Notes
     -----
-    Range profiles are transformed in single precision, the data's own, and interpolated by eight taps: -130 dB.
+    Range profiles are transformed in single precision, as the data are, and interpolated by eight taps: -130 dB.
     """
     radar, n_pulses = raw.radar, raw.radar.track.n_pulses
     plan = plan_profiles(radar, range_window, interpolation="kernel:8")
@@ -123,7 +123,7 @@ def witness_focusing(
     grid : of the pixels
     focuser : that made them
     windows : over the bandwidth and over the pulses
-    law_db : what the focuser stated
+    law_db : error stated by the focuser
     """
     channels = np.array([_sum_of(pixels, raw.layers, channel) for channel in raw.channels])
     energies = [sum_energy(one) for one in channels]

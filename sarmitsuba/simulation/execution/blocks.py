@@ -538,7 +538,7 @@ def strip(grid: LaunchGrid, frame: LaunchFrame, share: float = STRIP, place: flo
 
 
 def _shift_lattice(grid: LaunchGrid) -> LaunchGrid:
-    """Lattice shifted by half the diagonal of its cell, each level by half of its own."""
+    """Lattice shifted by half the diagonal of its cell, each level by half its diagonal."""
     spacing = np.array([level.spacing for level in grid.every_level], dtype=np.float32)
     half = np.float32(0.5 * np.sqrt(2.0)) * spacing[grid.level]
     angle = grid.turn + 0.25 * np.pi

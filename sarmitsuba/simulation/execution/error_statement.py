@@ -13,9 +13,9 @@ from sarmitsuba.core.arrays import C128, F64, unit_rows
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.core.units import power_from_db
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.effects.fold_sections import Folds, find_folds
 from sarmitsuba.effects.omitted_waves import SimulatedWaves
 from sarmitsuba.effects.theory_error import (
+    MOST_IMAGE_FACES,
     STRONG_DB,
     TheoryError,
     rms_db,
@@ -24,7 +24,6 @@ from sarmitsuba.effects.theory_error import (
     too_many,
     waves_left,
 )
-from sarmitsuba.scene.mesh.double_faces import double_faces
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.visible_faces import VisibleFaces
 from sarmitsuba.simulation.planning.sampling.rays import POOR_DB, error_text, worst
@@ -33,35 +32,13 @@ from sarmitsuba.simulation.planning.sampling.rays import POOR_DB, error_text, wo
 DOUBTFUL_DB = 3.0
 # dB below the strongest channel's peak at which a channel is rounding
 SILENT_DB = -80.0
-# most metal faces that an image's account examines, and positions of its aperture
-MOST_IMAGE_FACES, APERTURE = 20_000, 9
+# positions of the aperture that an image's account examines
+APERTURE = 9
 _REMEDIES = {
     "edges that are not simulated": "switch edge_diffraction on",
     "act as one": "describe the plate as a sheet without thickness",
 }
 _FULL_WAVE = "take solved currents for single levels"
-
-
-def simulated_waves(scene: Scene, flags: KernelFlags) -> SimulatedWaves:
-    """Waves beyond physical optics that a run with these flags follows."""
-    edges = flags.edge_diffraction
-    folds = edges and flags.coherent and flags.multi_bounce and scene.radar.receiver is None
-    return SimulatedWaves(edges=edges, between_rims=edges, one_rim=edges, folds=folds)
-
-
-def followed_folds(scene: Scene, flags: KernelFlags, wavelength: float) -> Folds:
-    """Folds between faces of smooth metal at rest whose waves a run follows beyond rays, as far as tabulated."""
-    geometry, corners = scene.geometry, np.zeros((0, 3, 3))
-    if simulated_waves(scene, flags).folds:
-        visible, still = VisibleFaces.of(geometry, scene.materials), np.ones(geometry.n_faces, dtype=bool)
-        for _, faces in geometry.moving_meshes():
-            still[faces] = False
-        smooth = np.array([m.rms_height == 0.0 for m in scene.materials], dtype=bool)[geometry.face_material]
-        kept = visible.metal & still[visible.face] & smooth[visible.face]
-        if kept.any() and not too_many(visible.corners[kept], MOST_IMAGE_FACES):
-            corners = visible.corners[kept]
-            corners = corners[~double_faces(corners, visible.shape[kept])]
-    return find_folds(corners, wavelength)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +88,7 @@ class ErrorStatement:
         -----
         Energies of sampling and bounces left out are spread evenly over the directions.
         """
-        waves = simulated_waves(scene, flags)
+        waves = SimulatedWaves.of(scene, flags)
         wavelength = scene.radar.waveform.wavelength
         theory = theory_error(
             scene.geometry, scene.materials, directions, amplitude, flags.channels, wavelength, waves
@@ -332,7 +309,7 @@ def image_theory(scene: Scene, flags: KernelFlags) -> dict[str, object]:
     ] - corners.mean(axis=(0, 1))
     look = unit_rows(away)
     channels = scene.radar.channels
-    waves = simulated_waves(scene, flags)
+    waves = SimulatedWaves.of(scene, flags)
     left = waves_left(corners, np.ones(len(corners)), look, np.arange(len(look)), channels, wavelength, waves)
     by_cause = {left.text(name, wavelength): energy.mean(axis=0) for name, energy in left.energy.items()}
     total = np.sum(list(by_cause.values()), axis=0)

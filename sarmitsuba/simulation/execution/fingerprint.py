@@ -40,7 +40,7 @@ def fingerprint(scene: Scene, extensions: Sequence[str] = ()) -> str:
 
 
 def shapes_hash(scene: Scene) -> str:
-    """Hash of what a scene holds for the radar to see: geometry, materials, points, scatterers."""
+    """Hash of the parts of a scene that the radar sees: geometry, materials, points, scatterers."""
     return _hash((scene.geometry, scene.materials, scene.points, scene.scatterers, scene.offset))
 
 

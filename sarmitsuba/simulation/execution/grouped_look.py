@@ -24,14 +24,13 @@ from sarmitsuba.tracing.kernel.path_groups import (
     PathOwners,
     Tiling,
 )
-from sarmitsuba.tracing.kernel.source import Launch
+from sarmitsuba.tracing.kernel.source import DrawnSource, Launch
 from sarmitsuba.tracing.kernel.state import RANDOM_TERMS
 
 # entries of the table of tiles by group, at most; larger tiles beyond
 MOST_ENTRIES = 1 << 24
 SMALLEST_TILE = 16
 POINT = MECHANISMS.index("point")
-PAIR = MECHANISMS.index("diffuse pair")
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +124,7 @@ class GroupedLook:
                         fine, self.look.grid, marks, self.owners, n_channels, slots or (RANDOM[0],)
                     )
 
-                done = list(self.imager.launched(rays, empty, term, _first_term_of_pairs(term)))
+                done = list(self.imager.launched(rays, empty, term, _first_term_of_drawn(term)))
                 for accumulator, _ in done:
                     if slots:
                         total += accumulator.grid().real / len(done)
@@ -140,10 +139,10 @@ class GroupedLook:
     def _random_mechanisms(self) -> tuple[int, ...]:
         """Mechanisms of random echoes that the run may have."""
         plan, scene = self.imager.run.plan, self.imager.run.scene
-        there = dict.fromkeys(_random_kinds(scene), True) | {
+        drawn = [source.mechanism for source in drawn_sources(self.imager)]
+        there = dict.fromkeys([*_random_kinds(scene), *drawn], True) | {
             "diffuse": plan.flags.diffuse,
             "diffuse after mirror": plan.flags.diffuse and plan.flags.multi_bounce,
-            "diffuse pair": plan.flags.diffuse_pairs,
         }
         return tuple(i for i in RANDOM if there.get(MECHANISMS[i], False))
 
@@ -298,16 +297,21 @@ def _same(a: RangeFilter | None, b: RangeFilter | None) -> bool:
     return a is b
 
 
-def _first_term_of_pairs(term: int) -> Callable[[Launch], bool]:
-    """Pairs of diffuse scatterers have the numbers that were drawn, whatever the term, and are traced once."""
+def _first_term_of_drawn(term: int) -> Callable[[Launch], bool]:
+    """Sources with the numbers that were drawn, whatever the term, are traced once."""
 
     def wanted(launch: Launch) -> bool:
         if term == 0:
             return True
-        found = getattr(launch.source, "scatterers_of", None)
-        return found is None or getattr(found(launch.part), "mechanism", "") != MECHANISMS[PAIR]
+        return not isinstance(launch.source, DrawnSource)
 
     return wanted
+
+
+def drawn_sources(imager: Imager) -> list[DrawnSource]:
+    """Sources of an imager whose random numbers were drawn when they were made."""
+    sources = imager.tracer.sources if imager.sampling is not None else ()
+    return [source for source in sources if isinstance(source, DrawnSource)]
 
 
 def _random_kinds(scene: Scene) -> set[str]:

@@ -291,6 +291,15 @@ class Imager:
         assert cells is not None
         return cells
 
+    @property
+    def tracer(self) -> Tracer:
+        """Tracer of the looks."""
+        if self._tracer is None:
+            assert self.sampling is not None
+            # the image is corrected for the pattern, so the look is traced without it
+            self._tracer = self.run.tracer(self.sampling, antenna_pattern=False)
+        return self._tracer
+
     def launched(
         self,
         rays: tuple[LaunchGrid, ...],
@@ -308,13 +317,9 @@ class Imager:
         wanted : launches to be traced
         """
         run, grid, time = self.run, self.look.grid, self.look.time
-        if self._tracer is None:
-            assert self.sampling is not None
-            # the image is corrected for the pattern, so the look is traced without it
-            self._tracer = run.tracer(self.sampling, antenna_pattern=False)
-        with_numbers = self._tracer if term is None else self._tracer.of_term(term)
+        with_numbers = self.tracer if term is None else self.tracer.of_term(term)
         most = max(1, MAX_LANES // max(lattice.n_rays for lattice in rays))
-        together = min(most, grid.n_looks, self._tracer.most_pulses or grid.n_looks)
+        together = min(most, grid.n_looks, self.tracer.most_pulses or grid.n_looks)
         for i, (tracer, share) in enumerate(with_numbers.over_band()):
             accumulator = empty()
             for first in range(0, grid.n_looks, together):
@@ -397,7 +402,7 @@ class Imager:
                 data[i] += noise * look.gain * np.float32(SUBSET_SHARES[layers[i].subset])
 
     def _look_cells(self) -> AzimuthCells:
-        """Resolution cells of the image: of every pixel's own aperture, or of one response for all."""
+        """Resolution cells of the image: of every pixel's aperture, or of one response for all."""
         if self.look.grid.fan is None:
             return self._middle_cells()
         radar, window = self.run.scene.radar, self.windows[1]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.raw_data import Layer
-from sarmitsuba.tracing.scatterers.sources import most_bounces
+from sarmitsuba.tracing.scatterers.sources import bounces_of
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,7 @@ class LayerPlan:
         depth = max(
             plan.max_depth,
             plan.echo_bounces,
-            most_bounces(scene) if scene.has_sources else 1,
-            2 if plan.flags.diffuse_pairs else 1,  # whatever mirrors return
+            bounces_of(scene, plan.flags),
         )
         return LayerPlan(
             channels=scene.radar.channels,

@@ -1,6 +1,7 @@
 """Metadata of raw data and images: the run that produced them."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.scene.round_facets import RoundFacets
@@ -39,7 +40,9 @@ def _common(
     run: Run, plan: EffectsPlan, notes: Sequence[str], sampling: SamplingPlan | None
 ) -> dict[str, object]:
     theory = image_theory(run.scene, plan.flags)
+    burst = run.scene.radar.burst
     return {
+        **({} if burst is None else {"burst": asdict(burst)}),
         "scene": run.scene.name,
         "settings": {k: v for k, v in vars(run.scene.settings).items() if k != "effects"},
         "effects": dict(plan.as_dict()),

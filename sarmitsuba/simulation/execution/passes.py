@@ -1,6 +1,6 @@
 """Passes of rays until the image reaches a target error; all passes are averaged, interrupted runs continue.
 
-Running mean of the passes of a run, and the file that stores it between runs.
+The running mean is stored in a file between runs.
 """
 
 import dataclasses

@@ -1,10 +1,7 @@
-"""Ideal point scatterers: analytic echoes, with occlusion by meshes.
+"""Ideal point scatterers: analytic echoes, with occlusion and transmission by meshes, for every method.
 
-Legs between ideal points and antennas, with occlusion and transmission, for every method.
-
-Echoes of ideal points on the grid of the looks.
-
-Start points of legs from points that lie on facets: displaced off the facets, to the side of the leg.
+Legs go straight from a point to an antenna. A point that lies on facets has legs that start off them, on the side of
+the antenna. Looks have the echoes on their grid.
 """
 
 from collections.abc import Mapping, Sequence

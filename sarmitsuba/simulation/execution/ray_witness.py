@@ -244,7 +244,7 @@ def say_rays(name: str, witness: Witness | None) -> str:
     """Text on rays whose measured error is large, or high and far above that of two sets; empty for none.
 
     It is a warning where two sets of rays say so, too. The witness alone counts all echoes of one pulse, also those of
-    large errors far from what the image shows.
+    large errors far outside the image.
     """
     if witness is None:
         return ""
@@ -261,7 +261,7 @@ def say_rays(name: str, witness: Witness | None) -> str:
 def halved_plan(
     sampling: SamplingPlan, lattices: Sequence[Sequence[LaunchGrid]], witness: Witness | None
 ) -> SamplingPlan | None:
-    """Plan at half the spacing, where automatic rays are too far apart by what is measured; None where they are not.
+    """Plan at half the spacing, where automatic rays are too far apart by the measurement; None where they are not.
 
     Two sets of rays have to say so, too, and half the spacing has to fit the bound on rays.
 

@@ -1,6 +1,6 @@
 """Radar cross section over look directions: the trace kernel in the far field, without pulses or images.
 
-Targets in the far field: aspect angles, centre and outline of a target, and the site from which sources are made.
+A target has aspect angles, a centre, an outline, and a site from which its sources are made.
 """
 
 import itertools
@@ -20,18 +20,15 @@ from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.effects.fold_sections import Folds
 from sarmitsuba.machine.backend import dr
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.materials.material import Material
-from sarmitsuba.scene.mesh.sharp_edges import SharpEdges
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TOLERANCE_DB
 from sarmitsuba.simulation.execution.blame import blame_stages, check_traced, find_blame
-from sarmitsuba.simulation.execution.error_statement import followed_folds
 from sarmitsuba.simulation.execution.recording import Recording
 from sarmitsuba.simulation.planning.sampling.density_plan import (
     CELLS_PER_RESOLUTION,
@@ -49,13 +46,12 @@ from sarmitsuba.tracing.kernel.launch import (
     lattice,
     project,
 )
+from sarmitsuba.tracing.kernel.passage import Passage
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.tracing.kernel.source import Source, launches
 from sarmitsuba.tracing.kernel.staged import through_stages
 from sarmitsuba.tracing.kernel.state import Kernel
 from sarmitsuba.tracing.kernel.surfaces import Surfaces
-from sarmitsuba.tracing.scatterers.edges.diffraction import edges_of
-from sarmitsuba.tracing.scatterers.slabs.passage import Passage
 from sarmitsuba.tracing.scatterers.sources import Site, passages_of
 
 # lanes of one launch: few enough for progress to be seen, many enough that the launch itself costs nothing
@@ -484,9 +480,13 @@ class FarSite(Site):
     """
 
     def __init__(self, scene: Scene, flags: KernelFlags, aspects: Aspects) -> None:
-        # only pairs use it
-        super().__init__(scene, flags, geometry_of(scene) if flags.diffuse_pairs else None)
+        super().__init__(scene, flags)
         self.aspects = aspects
+
+    @cached_property
+    def trace_scene(self) -> TraceScene | None:
+        """See :class:`Site`; built for the sources that need it."""
+        return geometry_of(self.scene)
 
     @property
     def cells(self) -> tuple[float, float]:
@@ -498,20 +498,20 @@ class FarSite(Site):
         """See :class:`Site`: the far field."""
         return np.inf
 
-    @cached_property
-    def folds(self) -> Folds:
-        """See :class:`Site`."""
-        return followed_folds(self.scene, self.flags, self.wavelength)
-
     @property
     def cell_area(self) -> float:
         """See :class:`Site`: ten thousand scatterers in a volume as large as the target."""
         return (self.resolution / BODY_CELLS) ** 2
 
-    @cached_property
-    def edges(self) -> SharpEdges:
-        """See :class:`Site`: not cut into pieces."""
-        return edges_of(self.scene.geometry, self.scene.materials, self.wavelength)
+    @property
+    def half_cell(self) -> float:
+        """See :class:`Site`: unresolved."""
+        return np.inf
+
+    @property
+    def spacing(self) -> float:
+        """See :class:`Site`: pieces of lines are as short as they need to be."""
+        return 0.0
 
     def towards(self, point: F64) -> F64:
         """See :class:`Site`: the aspects."""
@@ -563,7 +563,7 @@ class FarSite(Site):
 
 
 def geometry_of(scene: Scene) -> TraceScene | None:
-    """Mesh of a scene on the device, with what attenuates waves; None where there is neither."""
+    """Mesh of a scene on the device, with attenuating volumes; None where there is neither."""
     passages = passages_of(scene)
     if not scene.geometry.n_faces and not passages:
         return None

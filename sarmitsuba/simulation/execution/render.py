@@ -5,7 +5,7 @@
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,13 +16,16 @@ from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.core.timing import Clock
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.machine.exclusive import exclusive
+from sarmitsuba.radar.bursts import bursts_in_sight
 from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.scene.settings import METHODS, Method
 from sarmitsuba.signal.focusing import focus
 from sarmitsuba.signal.focusing.autofocus import Autofocuser
 from sarmitsuba.signal.focusing.focuser import DEFAULT, Focuser
+from sarmitsuba.signal.focusing.grid import default_grid
 from sarmitsuba.signal.focusing.windows import Window
 from sarmitsuba.signal.image import ImageGrid, SarImage
+from sarmitsuba.signal.mosaic import mosaic_bursts
 from sarmitsuba.signal.raw_data import RawData
 from sarmitsuba.simulation.execution.error_bars import add_error_bars
 from sarmitsuba.simulation.execution.fingerprint import fingerprint
@@ -142,6 +145,13 @@ def execute(
     """
     scene = options.apply(scene)
     scene.settings.check(scene.name, raw=not focused)
+    if numbers := bursts_in_sight(scene.description, scene.radar, scene.image):
+        if not focused:
+            raise DataError(
+                f"{scene.name}: raw data are those of one burst, and bursts {numbers[0]} to {numbers[-1]} light the "
+                f"image; choose one, such as burst = {numbers[0]} of sar_antenna"
+            )
+        return _execute_bursts(scene, numbers, options, progress=progress, ready=ready, clock=clock)
     if scene.settings.adds_passes:
         if options.pass_index:
             raise DataError(
@@ -179,6 +189,27 @@ def execute(
         image = focus_echoes(traced, options, progress)
     facts = {"method": scene.settings.method, "seconds": dict(run.timer.seconds)}
     return Rendered(traced, replace(image, metadata={**image.metadata, **facts}))
+
+
+def _execute_bursts(
+    scene: Scene,
+    numbers: Sequence[int],
+    options: RenderOptions,
+    *,
+    progress: Progress | None,
+    ready: Ready | None,
+    clock: Clock,
+) -> Rendered:
+    """Run of every burst in sight, one after the other, and the mosaic of their images on the scene's grid."""
+    grid = options.grid or default_grid(scene.radar, scene.image)
+    images, radars = [], []
+    for number in numbers:
+        one = scene.replace(burst=str(number))
+        done = execute(one, replace(options, grid=grid), progress=progress, ready=ready, clock=clock)
+        assert done.image is not None
+        images.append(done.image)
+        radars.append(one.radar)
+    return Rendered(None, mosaic_bursts(images, radars) if len(images) > 1 else images[0])
 
 
 def trace_run(

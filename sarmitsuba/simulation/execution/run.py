@@ -1,11 +1,12 @@
 """Preparation of a run for any method: effects plan, geometry on the device, sampling plan."""
 
 import time
+import warnings
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 
-from sarmitsuba.core.errors import RadarError
+from sarmitsuba.core.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.core.timing import Clock, StageTimer
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.effects.context import SceneContext
@@ -26,6 +27,7 @@ from sarmitsuba.simulation.planning.prediction.speed import SHARED, glance, run_
 from sarmitsuba.simulation.planning.sampling.cropping import lit_points
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.planning.sampling.launch_window import ground_outside, mirrors_outside
+from sarmitsuba.simulation.planning.sampling.movers import describe_vanished
 from sarmitsuba.simulation.planning.sampling.rays import Rays
 from sarmitsuba.simulation.planning.sampling.small_parts import Shortfall
 from sarmitsuba.tracing.kernel.launch import LaunchGrid
@@ -123,6 +125,9 @@ class Run:
         self.finished: FinishedBlocks | None = None
         self._needs: tuple[tuple[SamplingPlan | None, ImageGrid | None], Needs] | None = None
         self.notes = [*scene.notes, *self.plan.notes, *([left_out] if left_out else [])]
+        if vanished := describe_vanished(self.scene):
+            warnings.warn(vanished, SarmitsubaWarning, stacklevel=3)
+            self.notes.append(vanished)
         if self.sampling is not None and self.plan.flags.multi_bounce:
             for unlit in (mirrors_outside, ground_outside):
                 self.notes += [note] if (note := unlit(self.scene, self.sampling.windows)) else []
@@ -162,9 +167,9 @@ class Run:
         """
         key = (self.sampling, grid)
         if self._needs is None or self._needs[0] != key:
-            pairs = self.context.pairs if self.context is not None else None
+            measured = self.context.measured if self.context is not None else None
             needs = needs_of(
-                self.scene, self.sampling, self.layers, grid, self.trace_scene, self.plan.sub_bands, pairs
+                self.scene, self.sampling, self.layers, grid, self.trace_scene, self.plan.sub_bands, measured
             )
             self._needs = (key, needs)
         return self._needs[1]
@@ -174,9 +179,9 @@ class Run:
         settings = replace(self.scene.settings, method="image", keep_subsets=False, keep_orders=False)
         scene = replace(self.scene, settings=settings)
         sampling = self.sampling and self.sampling.obeying(scene, self.plan.flags)
-        pairs = self.context.pairs if self.context is not None else None
+        measured = self.context.measured if self.context is not None else None
         layers = LayerPlan.of(scene, self.plan)
-        return needs_of(scene, sampling, layers, None, self.trace_scene, self.plan.sub_bands, pairs)
+        return needs_of(scene, sampling, layers, None, self.trace_scene, self.plan.sub_bands, measured)
 
     def admit(self, grid: ImageGrid | None = None) -> None:
         """Refuse a run that does not fit into memory; a short one is computed by one thread.

@@ -83,7 +83,7 @@ class SolvedCurrents:
 
     @property
     def text(self) -> str:
-        """What was solved, in words."""
+        """Description of the solution."""
         return (
             f"currents solved by the method of moments, {self.unknowns} unknowns, edges of "
             f"{self.length:.2g} wavelengths"

@@ -1,8 +1,7 @@
 """Tracing of one scene: key pulse by key pulse, and the synthesis of the pulses around each.
 
-Batches of pulses of a run, which can be traced independently of each other in any process.
-
-Pulses of one batch: antenna states at the traced pulses, grid of their echoes, and range profiles from the grid.
+Pulses are traced in batches, independently of each other and in any process. A batch has the antenna states at its
+traced pulses, the grid of their echoes, and the range profiles computed from the grid.
 """
 
 from abc import ABC, abstractmethod

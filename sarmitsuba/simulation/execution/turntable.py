@@ -1,9 +1,7 @@
-"""Radar cross section of a target over aspect angles.
+"""Radar cross section of a target over aspect angles, and its inverse-SAR image from a sweep of azimuth.
 
 Azimuth is counted from +x (east) towards +y (north) and elevation from the horizontal upwards, both of the direction
 from the target to the radar. Phase is referred to the centre of all visible objects.
-
-Inverse-SAR (turntable) image of a target from a sweep of azimuth: the scene whose rendering it is.
 """
 
 import dataclasses
@@ -59,8 +57,7 @@ from sarmitsuba.simulation.planning.sampling.density_plan import FINE_RAYS, RAYS
 from sarmitsuba.simulation.planning.sampling.rays import MOST_TRACED, finer_spacing, worst
 from sarmitsuba.tracing.kernel.source import Source
 from sarmitsuba.tracing.kernel.stage import STAGES
-from sarmitsuba.tracing.scatterers.pairs.pair_estimate import pair_level
-from sarmitsuba.tracing.scatterers.sources import passages_of, sources_of
+from sarmitsuba.tracing.scatterers.sources import measure_sources, notes_of, passages_of, sources_of
 
 # cosine of the elevation below which H and V are defined by the azimuth, since the direction is nearly vertical
 STEEP = 1e-3
@@ -257,8 +254,7 @@ class _AspectTracing:
         left_db = -np.inf
         if left is not None:
             notes, left_db = left.notes(self.scene.name, tracing.depth), left.after(tracing.depth)
-        if self.flags.edge_diffraction and self.site.edges.joined_text:
-            notes += (f"{self.scene.name}: {self.site.edges.joined_text}",)
+        notes += tuple(f"{self.scene.name}: {note}" for note in notes_of(self.site))
         return _TracedAspects(tracing, result, left_db, (np.nan,) * len(self.flags.channels), notes)
 
     def amplitudes(self, aspects: Aspects, realisation: int) -> RcsResult:
@@ -430,10 +426,7 @@ def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple
     settings = dataclasses.replace(scene.settings, method="hybrid")
     turned = dataclasses.replace(scene, radar=radar, settings=settings)
     plan = plan_effects(turned, warn=False)
-    pairs = None
-    if plan.flags.diffuse_pairs and scene.settings.effects.get("diffuse_pairs") != "on":
-        pairs = pair_level(FarSite(scene, plan.flags, aspects))
-    plan = plan_effects(turned, pairs=pairs)
+    plan = plan_effects(turned, measured=measure_sources(FarSite(scene, plan.flags, aspects)))
     near = {stage.name for stage in STAGES if not stage.in_far_field}
     flags = dataclasses.replace(
         plan.flags,
@@ -512,6 +505,34 @@ RAISED = 1e-4
 LEAST_TURN = float(np.radians(1.0))
 # widest step of a turn: aspects farther apart are single ones, whose image takes hundreds of times their own rays
 WIDEST_STEP = float(np.radians(5.001))
+# steps of a sweep over the lobes of a body, from which on a note says so: some lobes are always missed at the limit
+_STEPS_A_LOBE = 4.0
+
+
+def undersampling(scene: Scene, aspects: Aspects) -> tuple[str, ...]:
+    r"""Note on a sweep whose steps are wider than lobes of the body; empty where they are not.
+
+    Lobes of a body of extent D across the line of sight repeat every :math:`\lambda / 2 D`; peaks between wider steps
+    are missed.
+
+    Parameters
+    ----------
+    scene : the target
+    aspects : of the sweep
+    """
+    swept = aspects.azimuth if aspects.by_azimuth else aspects.elevation
+    if swept.size < 2 or not scene.geometry.n_faces:
+        return ()
+    step = float(np.max(np.abs(np.diff(swept))))
+    sides = np.ptp(scene.geometry.without_endless().bounds, axis=0)
+    extent = float(np.hypot(sides[0], sides[1]) if aspects.by_azimuth else np.linalg.norm(sides))
+    lobe = scene.radar.waveform.wavelength / (2.0 * max(extent, 1e-12))
+    if step <= _STEPS_A_LOBE * lobe:
+        return ()
+    return (
+        f"steps of {np.degrees(step):.3g} deg are wider than the lobes of a body of {extent:.3g} m, "
+        f"{np.degrees(lobe):.2g} deg: the curve misses peaks between them; take steps of {np.degrees(lobe):.1g} deg",
+    )
 
 
 def image_refusal(aspects: Aspects) -> str:

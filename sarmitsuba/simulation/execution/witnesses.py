@@ -380,7 +380,7 @@ _REMEDIES = {
 
 
 def contradictions(name: str, witnesses: Mapping[str, Witness], tolerance_db: float) -> list[str]:
-    """Texts on the witnesses that contradict what a law foretold; each is issued as a warning.
+    """Texts on the witnesses that contradict a law; each is issued as a warning.
 
     Errors below the tolerance or ``SHOWS_DB``, and those that few samples may show by chance, are left out: the
     account of the image marks them.

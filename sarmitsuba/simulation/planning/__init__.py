@@ -1,1 +1,1 @@
-"""What a run does before it is traced: pilot, sampling, sources, forecast."""
+"""Planning of a run before it is traced: pilot, sampling, sources, forecast."""

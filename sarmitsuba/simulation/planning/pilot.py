@@ -2,10 +2,8 @@
 
 Rays are launched in square patches about as large as a resolution cell and as dense as in the full run, so that every
 patch has the coherent sum of one pixel. Most patches are at random positions; the others are on small features of the
-geometry (separate pieces, concave edges) that random ones would miss. Patches are tapered towards their edge, else
-the edge of a patch on a smooth plane would give an echo that the plane does not have.
-
-Patches of rays of a pilot trace: their places, their launch, and the sums of their echoes.
+geometry (separate pieces, concave edges) that random ones would miss. Patches are tapered towards their edge, else the
+edge of a patch on a smooth plane would give an echo that the plane does not have.
 """
 
 from __future__ import annotations
@@ -39,7 +37,7 @@ from sarmitsuba.tracing.kernel.launch import LATTICE_TURN, LaunchFrame, LaunchGr
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.tracing.kernel.stage import KernelRecording
 from sarmitsuba.tracing.kernel.state import COHERENT, RECIPROCAL, Contribution, Hit, Kernel, RayState
-from sarmitsuba.tracing.scatterers.pairs.pair_estimate import pair_level
+from sarmitsuba.tracing.scatterers.sources import SOURCES, measure_sources
 
 CHANNELS = ("HH", "VV")
 # rays on a side of a patch: enough for the taper to suppress its edge by 30 dB
@@ -363,7 +361,7 @@ def plan_in(context: SceneContext, *, warn: bool = True) -> EffectsPlan:
         context.sampling,
         context.pilot,
         shape=context.known_shape,
-        pairs=context.pairs,
+        measured=context.measured,
         warn=warn,
     )
 
@@ -389,31 +387,24 @@ def examine(
     returns = draft.flags.coherent or draft.flags.diffuse
     if decided or not returns:
         return SceneContext(scene, sampling.for_effects(), known_shape=shape)
-    # a realisation of pairs is cheap enough for every run
-    paired = draft.flags.diffuse and pilot is not False and _may_pair(scene)
     traced = wanted or not (pilot is False or not _may_ring(scene, shape))
     known = SceneContext(scene, sampling.for_effects(), known_shape=shape)
-    if not paired and not traced:
+    if pilot is False:
         return known
     draft = plan_effects(scene, shape=shape, warn=False, draft=True)
-    if paired:
+    # measurements of sources are cheap enough for every run
+    if any(kind.measures(draft.flags) for kind in SOURCES):
         trace_scene = trace_scene or build_trace_scene(
             scene.geometry, scene.materials, scene.radar.waveform.wavelength
         )
         site = RunSite(sampling.obeying(scene, draft.flags), None, trace_scene)
-        known = replace(known, pairs=pair_level(site))
+        known = replace(known, measured=measure_sources(site))
     if not traced:
         return known
     result = run_pilot(draft, sampling, trace_scene, shape=shape, clock=clock)
     if not result.settled(scene.settings.tolerance_db):
         result = run_pilot(draft, sampling, trace_scene, shape=shape, clock=clock, orders=MOST_ORDERS)
     return replace(known, pilot=result)
-
-
-def _may_pair(scene: Scene) -> bool:
-    """Whether pairs of diffuse scatterers are requested, or left to the plan, in a run of several bounces."""
-    settings = scene.settings
-    return settings.effects.get("diffuse_pairs") != "off" and settings.max_depth != 1
 
 
 def _may_ring(scene: Scene, shape: ShapeAnalysis) -> bool:

@@ -1,15 +1,12 @@
 """The site of a run, from which its sources are made."""
 
+from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
 
 from sarmitsuba.core.arrays import F64, unit_rows
-from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.effects.fold_sections import Folds
-from sarmitsuba.scene.mesh.sharp_edges import SharpEdges
-from sarmitsuba.simulation.execution.error_statement import followed_folds
 from sarmitsuba.simulation.planning.sampling.cropping import shares
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.planning.sampling.launch_window import LaunchWindow
@@ -28,7 +25,7 @@ class RunSite(Site):
     ----------
     sampling : plan of the run
     flags : of the trace kernel; None: those of the plan
-    trace_scene, pairs : see :class:`Site`
+    trace_scene, measured : see :class:`Site`
     """
 
     def __init__(
@@ -36,9 +33,9 @@ class RunSite(Site):
         sampling: SamplingPlan,
         flags: KernelFlags | None = None,
         trace_scene: TraceScene | None = None,
-        pairs: PairLevel | None = None,
+        measured: Mapping[str, object] | None = None,
     ) -> None:
-        super().__init__(sampling.scene, flags or sampling.flags, trace_scene, pairs)
+        super().__init__(sampling.scene, flags or sampling.flags, trace_scene, measured)
         self.sampling = sampling
 
     @property
@@ -52,20 +49,25 @@ class RunSite(Site):
         tracks = self.scene.radar.tracks
         return min(float(np.linalg.norm(track.position - self.center, axis=1).min()) for track in tracks)
 
-    @cached_property
-    def folds(self) -> Folds:
-        """See :class:`Site`."""
-        return followed_folds(self.scene, self.flags, self.wavelength)
-
     @property
     def cell_area(self) -> float:
         """See :class:`Site`."""
         return self.sampling.azimuth_cell * self.sampling.range_cell
 
     @property
-    def edges(self) -> SharpEdges:
+    def half_cell(self) -> float:
         """See :class:`Site`."""
-        return self.sampling.sharp_edges
+        return self.sampling.half_cell
+
+    @property
+    def spacing(self) -> float:
+        """See :class:`Site`."""
+        return self.sampling.spacings.coherent
+
+    @property
+    def kept(self) -> dict[tuple[str, KernelFlags], object]:
+        """See :class:`Site`; common to all sites of one sampling."""
+        return self.sampling.kept
 
     @property
     def box(self) -> F64:

@@ -1,7 +1,7 @@
 """Hooks of the trace kernel for derivatives by parameters: these, of a kernel without parameters, do nothing.
 
-The kernel calls them at launch, at every hit, mirror and closing, and for every echo. What is carried along a path is
-``RayState.derivative``, and what is recorded is ``Contribution.derivative``; no other part of the kernel reads either.
+The kernel calls them at launch, at every hit, mirror and closing, and for every echo. The part carried along a path is
+``RayState.derivative``, and the recorded part is ``Contribution.derivative``; no other part of the kernel reads either.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Derivatives of the echo of a scatterer at a known position, straight or over the ground, by every displacement.
 
-One place for all sources other than surfaces: wires, edges, volumes, pairs and a user's own kinds.
+One place for all sources other than surfaces: wires, edges, volumes, pairs and extensions' kinds.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def differentiate_legs(
 
     Notes
     -----
-    Ignores what properties of materials change: callers refuse sources that depend on them.
+    Ignores changes by properties of materials: callers refuse sources that depend on them.
     """
     ranges: list[mi.Float64 | mi.Complex2f] = []
     rates = []

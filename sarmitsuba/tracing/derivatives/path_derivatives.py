@@ -2,13 +2,13 @@ r"""Hooks of a kernel with parameters: derivatives of slant ranges and amplitude
 
 Slant ranges and range rates are differentiated in closed form (:mod:`.range_tangents`). Derivatives of amplitudes by
 properties of materials and by turns of facets are differences along the same paths. The fields of a ray are carried
-three times: as the scene is, and for each parameter at both ends of a small step of it. What they return differs by
+three times: as the scene is, and for each parameter at both ends of a small step of it. Their returns differ by
 the coefficients of Fresnel, of the roughness, of the diffuse law and of the polarisation alone, so that
 
 .. math:: \partial a \approx \frac{a(p + h) - a(p - h)}{2 h}
 
 is formed echo by echo, before anything is added; with h a hundredth of a property its error is of order 1e-4. Steps
-of displacements turn normals by at most ``TURN``; what they change is a part :math:`1 / 2 k` over the arm of the whole.
+of displacements turn normals by at most ``TURN``; their effect is a part :math:`1 / 2 k` over the arm of the whole.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from sarmitsuba.machine.backend import dr, mi
-from sarmitsuba.tracing.derivatives.adjoint_echoes import recording
+from sarmitsuba.tracing.derivatives import edge_tangents
+from sarmitsuba.tracing.derivatives.echo_derivatives import recording
+from sarmitsuba.tracing.derivatives.edge_state import EdgeLane
 from sarmitsuba.tracing.derivatives.hooks import Derivatives
 from sarmitsuba.tracing.derivatives.leg_tangents import differentiate_legs
 from sarmitsuba.tracing.derivatives.range_tangents import (
@@ -34,8 +36,6 @@ from sarmitsuba.tracing.kernel.propagation import mirror, pass_foci, reflect, th
 from sarmitsuba.tracing.kernel.scene_tables import MATERIAL_MASK
 from sarmitsuba.tracing.kernel.stage import coherent_loss
 from sarmitsuba.tracing.kernel.table_rows import MaterialRow, SlabRow
-from sarmitsuba.tracing.scatterers.edges import edge_tangents
-from sarmitsuba.tracing.scatterers.edges.edge_state import EdgeLane
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -121,7 +121,7 @@ class PathDerivatives(Derivatives):
 
     Parameters
     ----------
-    carried : displacements, and what else is recorded; at a hit, those of the shapes that the path met
+    carried : displacements, and other recorded derivatives; at a hit, those of the shapes that the path met
     variants : both ends of the step of each property of a material, then of each displacement that turns facets
     per_unit : one over the length of each step
     """
@@ -350,7 +350,9 @@ class PathDerivatives(Derivatives):
 def record_beside(kernel: Kernel, accumulator: GridAccumulator) -> Accumulator:
     """Accumulator that adds the derivatives of echoes beside them, or to a gradient; itself without parameters."""
     found = kernel.derivatives
-    return recording(found.carried, accumulator) if isinstance(found, PathDerivatives) else accumulator
+    if not isinstance(found, PathDerivatives):
+        return accumulator
+    return recording(found.carried, accumulator, accumulator.adjoint)
 
 
 def _straight_gains(lane: Lane, hit: Hit) -> tuple[mi.Float, ...] | None:

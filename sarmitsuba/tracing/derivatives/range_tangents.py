@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from sarmitsuba.machine.backend import dr, mi
+from sarmitsuba.tracing.derivatives.edge_tangents import arrive_beside_edge
 from sarmitsuba.tracing.derivatives.tangents import EchoDerivative, RayDerivative
-from sarmitsuba.tracing.scatterers.edges.edge_tangents import arrive_beside_edge
 
 if TYPE_CHECKING:
     from sarmitsuba.tracing.derivatives.tangents import Carried

@@ -2,7 +2,7 @@ r"""Derivatives of echoes by parameters, carried along their paths and recorded 
 
 An echo of amplitude a and slant range R is :math:`a \, e^{-j 4 \pi f R / c}` at the frequency f. Its derivative by a
 parameter needs :math:`a \, \partial R`, :math:`\partial a`, or both. The kernel records each of these as further
-channels of the echo's own cells, so that one traced path serves all parameters. Where a block of pulses shares one
+channels of the echo's cells, so that one traced path serves all parameters. Where a block of pulses shares one
 tracing, :math:`a \, \partial \dot R` is recorded too: the slant range at the time :math:`\tau` from the key pulse
 changes by :math:`\partial R + \partial \dot R \, \tau`.
 """
@@ -18,19 +18,19 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.machine.backend import dr, mi
+from sarmitsuba.tracing.derivatives.edge_state import EdgeState  # at run time, like the next
 from sarmitsuba.tracing.kernel.device_arrays import device_array
 from sarmitsuba.tracing.kernel.field import ComplexVector  # as the next
 from sarmitsuba.tracing.kernel.movement import (
     Movement,
     ShadowBoundary,
 )  # at run time: Dr.Jit reads the types of loop states
-from sarmitsuba.tracing.scatterers.edges.edge_state import EdgeState  # at run time, like the next
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from sarmitsuba.tracing.derivatives.edge_state import EdgeLane
     from sarmitsuba.tracing.kernel.scene_tables import TraceScene
-    from sarmitsuba.tracing.scatterers.edges.edge_state import EdgeLane
 
 Number = TypeVar("Number")
 # per channel, values of the fixed tensors of a diffuse scatterer
@@ -208,7 +208,7 @@ class TangentPlan(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Tangents:
-    """What the kernel records beside every echo: displacements, levels, properties of materials, range rates.
+    """Derivatives recorded beside every echo: displacements, levels, properties of materials, range rates.
 
     Parameters
     ----------
@@ -315,7 +315,7 @@ class Carried(ABC):
     pointing : whether echoes carry derivatives by the angles of the beam
     rates : whether echoes carry derivatives of their range rates
     mapped : whether echoes carry the shares of texels in their level
-    beside_edges : whether rays are those beside edges, see :mod:`sarmitsuba.tracing.scatterers.edges.edge_tangents`
+    beside_edges : whether rays are those beside edges, see :mod:`sarmitsuba.tracing.derivatives.edge_tangents`
     """
 
     antenna: tuple[mi.Vector3d, ...]

@@ -1,7 +1,4 @@
-"""Accumulators of echoes: per-pulse sums (RCS), per-pulse range grids (direct) or range-rate grids (block).
-
-Accumulator of the image-domain method: the grid onto which the echoes of looks are spread.
-"""
+"""Accumulators of echoes: sums (RCS), range grids (direct), range-rate grids (block), grids of looks (image)."""
 
 from __future__ import annotations
 
@@ -23,7 +20,7 @@ if TYPE_CHECKING:
     from sarmitsuba.signal.block import BlockPlan
     from sarmitsuba.signal.direct import DirectPlan
     from sarmitsuba.signal.gridding import GriddingKernel
-    from sarmitsuba.tracing.derivatives.adjoint_grids import AdjointGrids
+    from sarmitsuba.tracing.derivatives.echo_derivatives import AdjointGrids
     from sarmitsuba.tracing.kernel.source import Launch
     from sarmitsuba.tracing.kernel.state import Contribution
 

@@ -31,7 +31,7 @@ def fade(x: mi.Float, half: float, taper: float) -> mi.Float:
 class BeamPattern:
     """One-way amplitude pattern of the pulse that a lane belongs to.
 
-    In a block of pulses only the elevation pattern counts: each pulse's own azimuth pattern comes from the synthesis
+    In a block of pulses only the elevation pattern counts: each pulse's azimuth pattern comes from the synthesis
     (:func:`.raw.block.synthesise`), at the mean direction of the path's first and last leg. The error of
     that mean for legs in different directions is corrected in :meth:`received`.
 

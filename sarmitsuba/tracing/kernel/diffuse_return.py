@@ -26,7 +26,7 @@ from sarmitsuba.tracing.kernel.state import (
     TubeFootprint,
 )
 from sarmitsuba.tracing.kernel.table_rows import MaterialRow
-from sarmitsuba.tracing.scatterers.water.temporal import Age
+from sarmitsuba.tracing.kernel.temporal import Age
 from sarmitsuba.tracing.scatterers.water.wind_waves import WaterTables
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def seen_from(movement: Movement | None, velocity: mi.Vector3d) -> mi.Vector3d:
 
     .. math:: \dot L = \sum_i \mathbf w_i \cdot (\mathbf d_i - \mathbf d_{i+1})
 
-    over all hits, in addition to the antenna's own motion.
+    over all hits, in addition to the antenna's motion.
     """
     return velocity if movement is None else velocity - movement.velocity
 
@@ -54,7 +54,7 @@ def seen_from(movement: Movement | None, velocity: mi.Vector3d) -> mi.Vector3d:
 class Slot:
     """One diffuse return: a node of the scatterer lattice, and the path of its echo.
 
-    The path is straight to the antenna, reciprocal (back along the ray's own chain of mirrors), or reversed
+    The path is straight to the antenna, reciprocal (back along the ray's chain of mirrors), or reversed
     (``other_way``: straight to the node, back through the chain; None where that is not a separate return).
     """
 
@@ -76,7 +76,7 @@ class DiffuseReturns:
     ----------
     lattice : scatterers in the patch of the facet
     straight : per channel, values of the fixed tensors for the straight leg to the antenna
-    reciprocal : the same for the reciprocal path, back along the ray's own chain; None without such paths
+    reciprocal : the same for the reciprocal path, back along the ray's chain; None without such paths
     reverse : the same for the reversed path, straight to a hit behind mirrors and through the chain to a separate
         receiver; None where it is as long as the straight one, which then counts for both
     straight_weight, reciprocal_weight : amplitude factors of the straight and of the reciprocal path

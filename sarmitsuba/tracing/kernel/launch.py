@@ -55,7 +55,7 @@ class LaunchGrid:
     frame : launch plane of this lattice; None: that of the launch window
     pulses : first pulse that these rays serve, and the one after the last; None: all
     n_own : number of the pulses whose rays ``x`` and ``y`` hold in turn, equally many each; 1: all have the same
-    edges : rays on both sides of edges, for derivatives, see :mod:`sarmitsuba.tracing.scatterers.edges.edge_tangents`;
+    edges : rays on both sides of edges, for derivatives, see :mod:`sarmitsuba.tracing.derivatives.edge_tangents`;
         None: a lattice
     """
 

@@ -16,7 +16,7 @@ from sarmitsuba.radar.polarisation import TRANSMITTED
 from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.antenna_weight import BeamPattern
 from sarmitsuba.tracing.kernel.intersector import query_ray
-from sarmitsuba.tracing.scatterers.slabs.passage import pass_all
+from sarmitsuba.tracing.kernel.passage import pass_all
 from sarmitsuba.tracing.scatterers.slabs.slab_coefficients import lets_waves_through
 from sarmitsuba.tracing.scatterers.slabs.slab_passage import pass_leg
 

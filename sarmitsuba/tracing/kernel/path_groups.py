@@ -234,7 +234,7 @@ class MarkingPowers(GroupAccumulator):
         return [self.memory, self.marks]
 
     def look_weight(self, share: mi.Float) -> mi.Float:
-        """Two neighbouring looks see the same scatterer: their powers, not their amplitudes, add up to its own."""
+        """Two neighbouring looks see the same scatterer: their powers, not their amplitudes, add up to its power."""
         return dr.sqrt(share)
 
     def add(self, state: GroupState, contribution: Contribution) -> GroupState:  # type: ignore[override]

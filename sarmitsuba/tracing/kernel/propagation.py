@@ -16,6 +16,7 @@ from sarmitsuba.tracing.kernel.device_arrays import device_array, vector_rows
 from sarmitsuba.tracing.kernel.intersector import leave_surface, query_ray
 from sarmitsuba.tracing.kernel.leg import Surroundings, beam_patterns
 from sarmitsuba.tracing.kernel.movement import ShadowBoundary
+from sarmitsuba.tracing.kernel.passage import pass_all
 from sarmitsuba.tracing.kernel.scene_tables import CLOSED_BIT, INNER_BIT, MATERIAL_MASK
 from sarmitsuba.tracing.kernel.stage import apply_at_launch, apply_at_mirror
 from sarmitsuba.tracing.kernel.state import (
@@ -33,7 +34,6 @@ from sarmitsuba.tracing.kernel.table_rows import FaceRow, MaterialRow, SlabRow
 from sarmitsuba.tracing.kernel.tubes import polygon, tube
 from sarmitsuba.tracing.kernel.tubes import tube as curved_mirror
 from sarmitsuba.tracing.scatterers.corners.metal_corners import mirror_at
-from sarmitsuba.tracing.scatterers.slabs.passage import pass_all
 from sarmitsuba.tracing.scatterers.slabs.slab_passage import slab_factors
 
 if TYPE_CHECKING:

@@ -1,9 +1,8 @@
 """Scattering matrix of one diffuse cell: mean power from the material's law, random factors from the cell's hash.
 
-Bistatic polarimetric scattering by rough surfaces: first-order perturbation theory, and tilted facets.
-
-Dyads are given by their values ``(hh, hv, vh, vv)``, first letter received, second incoming, between the vectors of
-:class:`Planes`. Both are symmetric: exchanging the two directions transposes them.
+Polarisation is that of first-order perturbation theory, or of tilted facets. Dyads are given by their values ``(hh,
+hv, vh, vv)``, first letter received, second incoming, between the vectors of :class:`Planes`. Both are symmetric:
+exchanging the two directions transposes them.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
 
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.tracing.kernel.table_rows import MaterialRow
-    from sarmitsuba.tracing.scatterers.water.temporal import Age
+    from sarmitsuba.tracing.kernel.temporal import Age
 
 
 Dyad: TypeAlias = "tuple[mi.Complex2f, mi.Complex2f, mi.Complex2f, mi.Complex2f]"

@@ -32,10 +32,10 @@ from sarmitsuba.scene.mesh.topology import copies_apart, edge_pairs, weld
 from sarmitsuba.tracing.kernel.device_arrays import device_array
 from sarmitsuba.tracing.kernel.intersector import clearance_of, intersector
 from sarmitsuba.tracing.kernel.movement import Movers
+from sarmitsuba.tracing.kernel.passage import Passage
 from sarmitsuba.tracing.kernel.speckle import SurfacePlace
 from sarmitsuba.tracing.kernel.surface_tables import SurfaceTables
 from sarmitsuba.tracing.kernel.table_rows import FaceRow
-from sarmitsuba.tracing.scatterers.slabs.passage import Passage
 from sarmitsuba.tracing.scatterers.slabs.slab_coefficients import SlabTables
 from sarmitsuba.tracing.scatterers.water.wind_waves import WaterTables
 
@@ -164,7 +164,7 @@ class TraceScene:
         return FaceRow.of(self.face_info, face, active).material_bits & MATERIAL_MASK
 
     def with_tables(self, *, surfaces: bool, movers: bool, slabs: bool) -> TraceScene:
-        """The scene with the tables that are wanted: a kernel does not record what its scene lacks."""
+        """The scene with the tables that are wanted: a kernel does not record tables that its scene lacks."""
         return replace(
             self,
             surfaces=self.surfaces if surfaces else None,

@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.tracing.derivatives.hooks import derivatives_of
@@ -81,6 +81,20 @@ class Source(Protocol):
         """The same scatterers at another wavelength, m."""
 
 
+@runtime_checkable
+class DrawnSource(Protocol):
+    """Source whose random numbers are drawn when it is made: no other realisation of them is traced.
+
+    Attributes
+    ----------
+    mechanism : name of its echoes in labels
+    drawn : name of the drawn scatterers, in the plural
+    """
+
+    mechanism: ClassVar[str]
+    drawn: ClassVar[str]
+
+
 @dataclass(frozen=True, eq=False)
 class Launch:
     """One kernel launch: a source, and which part of it."""
@@ -107,7 +121,9 @@ class Scatterers(ABC):
     Attributes
     ----------
     n : number of scatterers
-    mechanism : name of what their echoes are called in labels
+    mechanism : name of their echoes in labels
+    owner, middle, face : by one of them labels find the shape of each: (n,) number of its target, of the kind's;
+        (n, 3) m, point on the side of a face of a mesh; (n, 2) rows of two faces
     """
 
     n: int
@@ -351,7 +367,7 @@ class PointSource:
 
 @dataclass(frozen=True, eq=False)
 class _Ground:
-    """First hit of a ray from a scatterer: point, normal facing the ray, the facet's own normal (float64), material."""
+    """First hit of a ray from a scatterer: point, normal facing the ray, the facet's normal (float64), material."""
 
     found: mi.Bool
     face: mi.UInt32

@@ -3,8 +3,7 @@
 The kernel itself (:mod:`sarmitsuba.tracing.kernel.kernel`) has the bounce, the physical-optics and diffuse returns,
 and the branching at slabs. A stage modifies their results: the fields of a ray at launch, at a hit and after
 reflection, the coherent return, and every echo of every source. Stages that are off are not recorded and cost nothing.
-
-Check of what a user's stage returns: the kernel records only values of the same kinds as before.
+Values that a user's stage returns are checked: the kernel records only values of the same kinds as before.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def like(found: Value, before: Value, optional: tuple[str, ...] = ()) -> Value:
-    """What a stage returned, if each part has the type and length of that part before.
+    """Result of a stage, if each part has the type and length of that part before.
 
     Parameters
     ----------
@@ -55,7 +54,7 @@ def like(found: Value, before: Value, optional: tuple[str, ...] = ()) -> Value:
 
 
 def as_wide(found: Value, before: object) -> Value:
-    """What a stage returned, if it is one value or as wide as the kernel's values ``before``."""
+    """Result of a stage, if it is one value or as wide as the kernel's values ``before``."""
     _check_width(found, "the factor", _width(before))
     return found
 
@@ -182,7 +181,7 @@ def check_stages() -> None:
 
 def stages_of(flags: KernelFlags) -> tuple[Stage, ...]:
     """Stages of the effects that are on, in the order of their names."""
-    on = (stage for stage in STAGES if stage.name in flags.extra or getattr(flags, stage.name, False))
+    on = (stage for stage in STAGES if flags.on(stage.name))
     return tuple(sorted(on, key=lambda stage: stage.name))
 
 
@@ -230,7 +229,7 @@ def changes_echoes(flags: KernelFlags) -> bool:
 
 
 def _check_returned(stage: Stage, found: Value, before: Value, optional: tuple[str, ...] = ()) -> Value:
-    """What a stage returned; checked for a user's own, see :func:`sarmitsuba.tracing.kernel.stage.like`."""
+    """Result of a stage; checked for an extension's, see :func:`sarmitsuba.tracing.kernel.stage.like`."""
     return found if is_built_in(stage) else like(found, before, optional)
 
 

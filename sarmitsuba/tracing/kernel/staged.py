@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def through_stages(kernel: Kernel, accumulator: Accumulator) -> Accumulator:
-    """Accumulator that applies the stages to echoes, and checks those of a user's own; itself where none does."""
+    """Accumulator that applies the stages to echoes, and checks those of extensions; itself where none does."""
     if not (changes_echoes(kernel.flags) or own_stages(kernel.flags)):
         return accumulator
     if isinstance(accumulator, Follower):

@@ -346,13 +346,13 @@ class Hit:
     first : lanes whose first hit this is
     order : number of this hit, from 1
     face : row of the scene's tables
-    material, own_material : bits of the material at the hit, and of the face's own, regardless of maps
+    material, own_material : bits of the material at the hit, and of the face, regardless of maps
     largest_cell : m, of a diffuse scatterer on the face's piece of surface
     p : float64, m, intersection of the ray and the facet
     vertex0, centroid : float64, m, vertex 0 and middle of the triangle
     departure : m, start of the rays that leave the hit
     direction64, direction : of the ray, from the virtual antenna to the hit
-    normal64, normal : facing the ray; ``behind`` where it is the reverse of the face's own normal
+    normal64, normal : facing the ray; ``behind`` where it is the reverse of the face's normal
     cos_incidence : > 0
     length, length_back : m, from the virtual antenna to here, and from here to the antenna
     to_antenna64, to_antenna : unit vector to the antenna
@@ -441,7 +441,7 @@ class Reflection:
 
 @dataclass(frozen=True, eq=False)
 class Closing:
-    """Coherent return of the tube at a hit, before polarisation: what the stages of effects may change.
+    """Coherent return of the tube at a hit, before polarisation, which the stages of effects may change.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ class SurfaceTables:
     Parameters
     ----------
     levels : factor on sigma0
-    classes : bits of a material in place of the face's own
+    classes : bits of a material in place of that of the face
     textures : (4 n_materials,) float32: one over the node spacing of the random field (1/m, 0: no texture), and as bits
         of float32 the first entry of its quantiles and a seed for the material
     quantiles : amplitude of the texture over its normal field, see

@@ -94,7 +94,7 @@ class FaceRow:
 
     @property
     def material_bits(self) -> mi.UInt32:
-        """Number of the material, and what boundary edges the facet has."""
+        """Number of the material, and the boundary edges of the facet."""
         return self.values.x
 
     @property

@@ -4,11 +4,11 @@ A kind of scatterers lies in one folder ``tracing/scatterers/<kind>/``. Its modu
 by their names, as a user's extension enters by its import:
 
 ``kind.py``
-    Without Mitsuba. What a scene holds (a class of :class:`sarmitsuba.scene.scatterers.Target`); its bsdf, how shapes
-    with it are read, shown, counted and labelled (a :class:`sarmitsuba.loading.scatterer_shapes.ShapeKind`, in
+    Without Mitsuba. Its objects in a scene (a class of :class:`sarmitsuba.scene.scatterers.Target`); its bsdf, how
+    shapes with it are read, shown, counted and labelled (a :class:`sarmitsuba.loading.scatterer_shapes.ShapeKind`, in
     ``SCATTERERS``); and when it is simulated (an :class:`sarmitsuba.effects.effect.Effect`, in ``EFFECTS``).
 ``source.py``
-    How it is traced and what that costs: a :class:`SourceKind` in ``SOURCES``. ``made`` turns the targets of a scene
+    Its tracing and cost: a :class:`SourceKind` in ``SOURCES``. ``make_source`` turns the targets of a scene
     into a :class:`sarmitsuba.tracing.kernel.source.Source`, mostly a ``PointSource`` of ``Scatterers``, whose
     ``mechanism`` and ``owner`` label its echoes, and whose derivatives by the legs are those of all sources.
 
@@ -17,28 +17,26 @@ for a kind. Without the folder its bsdf is unknown, and all else is as before.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, TypeVar, cast
 
 import numpy as np
 
 from sarmitsuba.core.arrays import F64, unit_rows
 from sarmitsuba.core.registry import Registry
-from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.effects.fold_sections import Folds
-from sarmitsuba.scene.mesh.sharp_edges import SharpEdges
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.tracing.kernel.passage import Passage
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene
 from sarmitsuba.tracing.kernel.source import Source
-from sarmitsuba.tracing.scatterers.edges.fold_waves import FoldWaves
-from sarmitsuba.tracing.scatterers.slabs.passage import Passage
 
 # antenna positions from which folds are examined
 MOST_LOOKS = 1000
 # the scatterer itself, and the ground on the incident and on the scattered leg
 MOST_BOUNCES = 3
+Made = TypeVar("Made")
 
 
 class Site(ABC):
@@ -49,7 +47,7 @@ class Site(ABC):
     scene : with the effects plan applied
     flags : of the trace kernel
     trace_scene : geometry on the device; None: sources that need it are left out
-    pairs : level of pairs of diffuse scatterers, where it is known
+    measured : measurements of kinds of sources, by name
     """
 
     def __init__(
@@ -57,9 +55,15 @@ class Site(ABC):
         scene: Scene,
         flags: KernelFlags,
         trace_scene: TraceScene | None = None,
-        pairs: PairLevel | None = None,
+        measured: Mapping[str, object] | None = None,
     ) -> None:
-        self.scene, self.flags, self.trace_scene, self.pairs = scene, flags, trace_scene, pairs
+        self.scene, self.flags, self.measured = scene, flags, measured or {}
+        self._trace_scene = trace_scene
+
+    @property
+    def trace_scene(self) -> TraceScene | None:
+        """Geometry on the device."""
+        return self._trace_scene
 
     @property
     def wavelength(self) -> float:
@@ -83,22 +87,25 @@ class Site(ABC):
 
     @property
     @abstractmethod
-    def edges(self) -> SharpEdges:
-        """Sharp metal edges of the scene, in pieces."""
+    def half_cell(self) -> float:
+        """Half a resolution cell, m, the most that one scatterer may represent; infinite where it is unresolved."""
 
     @property
     @abstractmethod
-    def folds(self) -> Folds:
-        """Folds whose waves are followed beyond rays; none without edges' waves, or with a receiver apart."""
+    def spacing(self) -> float:
+        """Spacing of the coherent rays of surfaces, m; 0 where it does not matter."""
 
     @cached_property
-    def fold_waves(self) -> FoldWaves | None:
-        """Waves of the folds, which several tracings share; None without any."""
-        if not self.folds.n:
-            return None
-        towards = self.towards(self.folds.middle.mean(axis=0))
-        waves = FoldWaves(self.folds, self.wavelength, towards, 0.5 * self.resolution)
-        return waves if waves.n else None
+    def kept(self) -> dict[tuple[str, KernelFlags], object]:
+        """Results of :meth:`once`."""
+        return {}
+
+    def once(self, name: str, make: Callable[[], Made]) -> Made:
+        """Result of ``make``, the same object in all tracings and forecasts with this scene, sampling and flags."""
+        key = name, self.flags
+        if key not in self.kept:
+            self.kept[key] = make()
+        return cast(Made, self.kept[key])
 
     def towards(self, point: F64) -> F64:
         """Unit vectors (n, 3) from a point to the antenna along the track, at most ``MOST_LOOKS``."""
@@ -176,11 +183,11 @@ class SourceKind(ABC):
     rank: ClassVar[int] = 100
 
     @abstractmethod
-    def made(self, site: Site) -> Source | None:
+    def make_source(self, site: Site) -> Source | None:
         """Source of a scene; None where the scene has none, or the plan has switched it off."""
 
     @abstractmethod
-    def expected(self, site: Site, sub_bands: int) -> Expected | None:
+    def estimate_cost(self, site: Site, sub_bands: int) -> Expected | None:
         """Expected cost of the source, before it is made; None without one.
 
         Parameters
@@ -193,8 +200,24 @@ class SourceKind(ABC):
         Upper bounds in cropped images: sources outside the image are counted.
         """
 
+    def measures(self, flags: KernelFlags) -> bool:
+        """Whether :meth:`measure` finds something in a scene with these flags."""
+        return False
+
+    def measure(self, site: Site) -> object:
+        """Measurement before the plan: the effect of the kind decides by it (``SceneContext.measured``)."""
+        return None
+
+    def note(self, site: Site) -> str:
+        """Assumption about the kind in a scene, for the user; empty: none."""
+        return ""
+
+    def bounces(self, scene: Scene, flags: KernelFlags) -> int:
+        """Bounces of the longest path of the kind, whatever the mirrors of the scene return."""
+        return 1
+
     def passage(self, scene: Scene) -> Passage | None:
-        """What the scatterers take from waves that go through them; None where they take nothing."""
+        """Attenuation of waves that go through the scatterers; None where there is none."""
         return None
 
 
@@ -209,14 +232,30 @@ def _order_kinds() -> list[SourceKind]:
 
 def sources_of(site: Site) -> tuple[Source, ...]:
     """Sources of a scene with the effects plan applied; none in most scenes."""
-    made = (kind.made(site) for kind in _order_kinds())
+    made = (kind.make_source(site) for kind in _order_kinds())
     return tuple(source for source in made if source is not None)
 
 
 def expected_sources(site: Site, sub_bands: int = 1) -> tuple[Expected, ...]:
-    """Expected cost of each source of a scene; see :meth:`SourceKind.expected`."""
-    expected = (kind.expected(site, sub_bands) for kind in _order_kinds())
+    """Expected cost of each source of a scene; see :meth:`SourceKind.estimate_cost`."""
+    expected = (kind.estimate_cost(site, sub_bands) for kind in _order_kinds())
     return tuple(each for each in expected if each is not None)
+
+
+def measure_sources(site: Site) -> dict[str, object]:
+    """Measurements of the kinds, by name; see :meth:`SourceKind.measure`."""
+    return {kind.name: kind.measure(site) for kind in _order_kinds() if kind.measures(site.flags)}
+
+
+def notes_of(site: Site) -> tuple[str, ...]:
+    """Notes of the kinds; see :meth:`SourceKind.note`."""
+    return tuple(note for kind in _order_kinds() if (note := kind.note(site)))
+
+
+def bounces_of(scene: Scene, flags: KernelFlags) -> int:
+    """Bounces of the longest path of any source of a scene."""
+    over_ground = most_bounces(scene) if scene.has_sources else 1
+    return max(over_ground, *(kind.bounces(scene, flags) for kind in SOURCES))
 
 
 def most_bounces(scene: Scene) -> int:

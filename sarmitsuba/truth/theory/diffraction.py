@@ -431,7 +431,7 @@ def thin_plate(
 
     Notes
     -----
-    As :func:`plate_along_its_sheet`. What the thickness changes for the field across the rims is left out; edge-on that
+    As :func:`plate_along_its_sheet`. The effect of the thickness on the field across the rims is left out; edge-on that
     is all there is.
     """
     theta = np.asarray(angle, dtype=np.float64)

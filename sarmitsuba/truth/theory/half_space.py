@@ -1,8 +1,8 @@
 r"""Reflection of a plane wave by a smooth half space, from the wave admittances on both sides.
 
 A wave whose wave vector makes the cosine c with the normal meets the surface as a current meets a line's
-termination: tangential E over tangential H is its wave impedance, and what the second medium does not take is
-reflected. The package's own coefficients are written otherwise (``materials``, ``trace``); nothing is shared.
+termination: tangential E over tangential H is its wave impedance, and the power that the second medium does not take is
+reflected. The package's coefficients are written otherwise (``materials``, ``trace``); nothing is shared.
 """
 
 import numpy as np

@@ -53,7 +53,7 @@ def nesz_of_cells(snr_of_1_m2: float, ground_range_resolution: float, azimuth_re
 
     Notes
     -----
-    Ignores what :func:`point_snr` ignores.
+    Has the limits of :func:`point_snr`.
     """
     return 1.0 / (snr_of_1_m2 * ground_range_resolution * azimuth_resolution)
 

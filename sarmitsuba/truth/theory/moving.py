@@ -151,7 +151,7 @@ def phase_along_track(range_speed: ArrayLike, lag: float, wavelength: float) -> 
 def double_bounce_range_speed(direction: F64, normal: F64, velocity: F64) -> float:
     r"""Range speed of the return by way of a moving wall and level ground at rest, or the other way round, m/s.
 
-    Only what the wall does along its normal n changes the way, :math:`\mathbf w \cdot (\mathbf d_i - \mathbf d_{i+1})`
+    Only the wall's motion along its normal n changes the path, :math:`\mathbf w \cdot (\mathbf d_i - \mathbf d_{i+1})`
     with the way mirrored in the wall:
 
     .. math:: v_r = (\mathbf w \cdot \mathbf n)(\mathbf d \cdot \mathbf n)

@@ -51,7 +51,7 @@ def rough_surface_coherency(sigma_hh: float, sigma_vv: float, cross_ratio: float
     r"""Coherency matrix of a rough surface without a preferred side.
 
     The co-polar channels of first-order theory are in phase and fully correlated (Ulaby and Elachi, Radar Polarimetry
-    for Geoscience Applications, 1990); what multiple scattering adds has azimuthal symmetry,
+    for Geoscience Applications, 1990); the part of multiple scattering has azimuthal symmetry,
     :math:`\langle |S_{HV}|^2 \rangle = \langle |S_{HH} - S_{VV}|^2 \rangle / 4` for that part:
 
     .. math::

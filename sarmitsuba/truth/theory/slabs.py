@@ -1,7 +1,7 @@
 r"""Reflection and transmission of a plane wave by a slab, with or without a thin conducting sheet on one face.
 
 The slab alone is the multiple-reflection sum of ITU-R P.2040-3; a sheet is joined to it by the reflections between
-the two, each known by itself. The package's own coefficients come from transmission-line matrices; nothing is shared.
+the two, each known by itself. The package's coefficients come from transmission-line matrices; nothing is shared.
 """
 
 from collections.abc import Sequence

@@ -3,7 +3,7 @@ r"""Round wires, rails and posts in closed form: infinite circular cylinder, fin
 Amplitudes are sqrt(sigma) in metres with the sign and phase of :mod:`sarmitsuba.truth.theory.canonical_rcs`: a plate
 at normal incidence is real and positive, and a wave scattered with amplitude S is :math:`-j S e^{-j k r} / (\sqrt{4
 \pi} r)` times the incoming one. Time convention exp(+j w t). Every order of the series is matched at the cylinder's
-surface by a linear system, nothing is expanded: the package's own coefficients are written otherwise (``materials``,
+surface by a linear system, nothing is expanded: the package's coefficients are written otherwise (``materials``,
 ``trace``).
 """
 
@@ -176,7 +176,7 @@ def thin_wire_rcs(
     Notes
     -----
     For :math:`k a \ll 1` and lengths of several wavelengths. The factor :math:`\cos^2\psi` of the handbook is one over
-    the main lobe; the infinite cylinder's own current (``line_amplitude``) has none.
+    the main lobe; the infinite cylinder's current (``line_amplitude``) has none.
 
     References
     ----------
@@ -269,7 +269,7 @@ def post_amplitude(
     .. math:: S_{pp} = D_{pp}(d, -d) + 2 R_p D_{pp}(d', -d) + R_p^2 D_{pp}(d', -d')
 
     with d' the ray mirrored by the ground and its field reflected with R: straight, over the ground one way (either way
-    round) and both ways. In the second the line's phases are all equal: the post's own dihedral,
+    round) and both ways. In the second the line's phases are all equal: the post's dihedral,
     :math:`\sigma \approx 4 |R|^2 \cdot 2 \pi a h^2 / (\lambda \sin\theta)` for a thick one.
 
     Parameters

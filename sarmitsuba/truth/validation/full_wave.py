@@ -26,7 +26,7 @@ from sarmitsuba.truth.validation import targets
 CHANNELS = ("HH", "HV", "VV")
 # level ranges below a scene's peak, dB, for the comparison
 BELOW_PEAK = (0.0, 3.0, 10.0, 20.0, 30.0, 80.0)
-REMAKE = "python benchmarks/suite/full_wave.py --compute FILE"
+REMAKE = "python -m benchmarks.suite.full_wave --compute FILE"
 STORED = Path(__file__).parent / "full_wave.json"
 WAVELENGTH = 1.0
 ALL = slice(None)

@@ -1,9 +1,4 @@
-"""Selection and execution of validation cases.
-
-Plot of a validation case.
-
-Validation page: summary, table and plots in Markdown.
-"""
+"""Selection and execution of validation cases: their plots, and a page with summary and table in Markdown."""
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path

@@ -1,6 +1,6 @@
 """Ray paths that contribute to the pixels of an image, few enough to be embedded in a page.
 
-Localisation of an echo of given range and Doppler on the image plane.
+An echo of given range and Doppler is placed on the image plane.
 """
 
 from dataclasses import dataclass

@@ -1,10 +1,7 @@
-"""Content of a page: scene, radar passes and images.
+"""Content of a page: scene, radar passes and images; or target, RCS over aspect and image of an RCS sweep.
 
-Labels of an image for the page: a number for the colour of each pixel, and shares.
-
-Side lobes of the impulse response, by which a page tells a weak pixel from its bright neighbour's spill.
-
-Content of the page of an RCS sweep: target, RCS over aspect, and image.
+Labels are a number for the colour of each pixel, and shares. Side lobes of the impulse response tell a weak pixel from
+the spill of a bright neighbour.
 """
 
 from collections.abc import Callable, Mapping, Sequence

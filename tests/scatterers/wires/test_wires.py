@@ -20,7 +20,7 @@ from sarmitsuba.tracing.kernel.state import Kernel
 from sarmitsuba.tracing.scatterers.wires import source
 from sarmitsuba.tracing.scatterers.wires.cylinder import cylinder_table
 from sarmitsuba.tracing.scatterers.wires.kind import WireTarget
-from sarmitsuba.tracing.scatterers.wires.source import WireScatterers, cut
+from sarmitsuba.tracing.scatterers.wires.source import WireScatterers, cut_wires
 from sarmitsuba.truth import theory
 from sarmitsuba.truth.validation.cases.wires import draw_beside_broadside, drawn_rod
 from tests.support.unweighted import render
@@ -78,7 +78,7 @@ def test_between_any_two_directions_it_is_the_closed_form(seed: int) -> None:
     wanted = theory.line_amplitude(radius, line.ends, WAVELENGTH, incident, scattered, permittivity)
     scale = np.abs(wanted).max() * np.linalg.norm(e) * np.linalg.norm(q)
     for longest in (np.inf, 0.03):
-        got = Dyad(cut([line], longest), [line], WAVELENGTH).of(incident, scattered, e, q)
+        got = Dyad(cut_wires([line], longest), [line], WAVELENGTH).of(incident, scattered, e, q)
         assert (
             abs(got - q @ wanted @ e) < 4e-3 * scale
         )  # tol: tables, float32 phases of 40 wavelengths in nodes
@@ -159,8 +159,8 @@ def test_any_cut_gives_the_same_lobes(seed: int) -> None:
     whole = rcs_sweep(scene, aspects, checked=0).result.amplitude
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            "sarmitsuba.tracing.scatterers.wires.source.cut",
-            lambda lines, longest: cut(lines, 0.05),
+            "sarmitsuba.tracing.scatterers.wires.source.cut_wires",
+            lambda lines, longest: cut_wires(lines, 0.05),
         )
         pieces = rcs_sweep(scene, aspects, checked=0).result.amplitude
     assert np.abs(pieces - whole).max() < 1e-3 * np.abs(whole).max()  # tol: float32 sums

@@ -8,7 +8,7 @@ from sarmitsuba.core.errors import SceneError
 from sarmitsuba.loading.importing.city_model import footprint, is_building
 from sarmitsuba.loading.importing.import_options import ImportOptions
 from sarmitsuba.loading.importing.places import WGS84, crs_named
-from sarmitsuba.loading.importing.polygons import require_shapely
+from sarmitsuba.loading.importing.polygons import MOST_CORNERS, require_shapely
 from sarmitsuba.loading.importing.reading import read_json
 from sarmitsuba.loading.importing.source_format import SOURCES, CitySource, SourceFormat
 
@@ -95,6 +95,9 @@ def _polygons(geometry: object) -> "Iterator[shapely.Polygon | str]":
         return
     for rings in [rows] if kind == "Polygon" else rows:
         try:
+            if sum(map(len, rings)) > MOST_CORNERS:
+                yield f"outlines of more than {MOST_CORNERS} corners"
+                continue
             shell, *holes = [[(float(x), float(y)) for x, y, *_ in ring] for ring in rings]
             yield shapely.Polygon(shell, holes)
         except (ValueError, TypeError, OverflowError, shapely.errors.ShapelyError):

@@ -1,12 +1,6 @@
 """Simple diffuse laws: none, constant sigma0, constant gamma, Lambert.
 
-Diffuse law with constant sigma0.
-
-Diffuse law with constant gamma: sigma0 proportional to the cosine of incidence.
-
-Lambert's law: diffuse scattering of equal radiance in all directions.
-
-Law without diffuse return: the surface only reflects.
+Gamma is sigma0 over the cosine of incidence; Lambert's law has equal radiance in all directions.
 """
 
 import numpy as np

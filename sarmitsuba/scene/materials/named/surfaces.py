@@ -1,14 +1,7 @@
 """Named materials: surfaces by their everyday names, panes, conductors, plastics, wood.
 
-Surfaces by their everyday names: the permittivity of a material, with a roughness and clutter level of their own.
-
-Window glass slabs.
-
-Perfect electric conductor.
-
-Ordinary plastics.
-
-Permittivity of living wood, for trunks, from its moisture.
+A surface has the permittivity of a material, with a roughness and clutter level. Living wood has that of trunks, from
+its moisture.
 """
 
 from dataclasses import dataclass

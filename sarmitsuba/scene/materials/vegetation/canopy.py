@@ -1,8 +1,7 @@
 """Canopy: scattering medium of leaves, needles and branches, averaged over sizes and orientations.
 
-Permittivity of plant matter from its moisture.
-
-Volume scattering medium: extinction and backscatter per metre, by polarisation and angle.
+The permittivity of plant matter follows from its moisture. A medium has extinction and backscatter per metre, by
+polarisation and angle.
 """
 
 from collections.abc import Sequence

@@ -361,7 +361,7 @@ class Stick(Piece):
 
     .. math:: S = \frac{2 l}{\sqrt \pi} T(\beta) \, \mathrm{sinc}(k l \cos\beta)
 
-    with the series T of the endless cylinder at oblique incidence, and what the ends change of it: the difference of
+    with the series T of the endless cylinder at oblique incidence, and the change by the ends: the difference of
     the polarisations of a thin rod of that length and of an endless one, of `thin_rod`,
 
     .. math:: S_{ends} = \frac{k^2}{\sqrt{4 \pi}} V (\epsilon - 1) (q_l - q_\infty)
@@ -414,7 +414,7 @@ class Stick(Piece):
     def over_ground(self, view: OverGround, wavelength: float, permittivity: complex) -> Channels:
         """See the class; a thin piece by its polarisation alone.
 
-        The series is taken on the cone between both angles, without what couples both parts off broadside. Between
+        The series is taken on the cone between both angles, without the coupling of both parts off broadside. Between
         ``THIN`` and half of it both are mixed.
         """
         k = 2.0 * np.pi / wavelength

@@ -36,7 +36,7 @@ class PhaseGradient(Autofocuser):
     .. math:: \dot\phi_t = \arg \sum_p g_{p,t}^* \, g_{p,t+1} \, e^{-j s_p}
 
     with :math:`s_p` the slope that the point's distance from its blurred peak makes. It is integrated, removed from the
-    data, and the image is made again. As histories follow the recorded track at each point's own range, any mode, track
+    data, and the image is made again. As histories follow the recorded track at each point's range, any mode, track
     and focuser is possible. Where pixels have their own apertures (stripmap), every pulse uses the points that it
     illuminates; the slopes :math:`s_p` connect neighbouring sub-apertures.
 

@@ -1,8 +1,6 @@
-"""Compiled adjoints of the steps of factorised backprojection: wider subimages to narrower ones, and to pulses.
+"""Adjoint of factorised backprojection, from pixels to range-compressed pulses, with its compiled steps.
 
 Subimages and profiles to which is added are pairs of float64 arrays, real and imaginary part, one pair a layer.
-
-Stages of the adjoint of factorised backprojection, from pixels to range-compressed pulses.
 """
 
 from __future__ import annotations
@@ -194,7 +192,7 @@ def _single(pair: Complex) -> C64:
 
 
 def _subimage(job: Job, section: Section, grid: ImageGrid, pixels: C64) -> list[Complex]:
-    """Adjoint of the last interpolation: the section's own subimage from pixels."""
+    """Adjoint of the last interpolation: the section's subimage from pixels."""
     types, n_layers = job.types, len(pixels)
     polar = PolarAxes.of(types, section, section.levels[-1])
     out = _zeros(job, n_layers, section.levels[-1].n_angles * section.n_ranges)

@@ -30,7 +30,7 @@ class SubimageLevel:
     ----------
     n_pulses : of a group
     n_groups : subimages, those of padding included
-    ratio : of the angular spacing to that of the level above; 1 for the section's own
+    ratio : of the angular spacing to that of the level above; 1 for that of the section
     start_angle, angle_step : rad
     n_angles : samples
     """

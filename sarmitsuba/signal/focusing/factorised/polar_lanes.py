@@ -239,7 +239,7 @@ def lines_and_columns(
     """Line and range column of every lane, whether it counts, and the number of lanes.
 
     All lines of a block of columns come before the next block. Columns of the last block stop at ``n_ranges``, which
-    ``last`` is as an opaque number; what the lanes beyond compute does not count.
+    ``last`` is as an opaque number; results of the lanes beyond do not count.
     """
     n_lanes = -(-n_ranges // _BLOCK) * n_lines * _BLOCK
     lane = dr.arange(types.UInt32, n_lanes)

@@ -113,7 +113,7 @@ def _horner(coefficients: tuple[float, ...], x: dr.ArrayBase) -> dr.ArrayBase:
 
 @dataclass(frozen=True)
 class PixelReads:
-    """What each pixel reads of a subimage, or of that on rows.
+    """Samples that each pixel reads of a subimage, or of one on rows.
 
     Parameters
     ----------

@@ -225,7 +225,7 @@ def _section(sight: _SectionSpectra, lengths: tuple[int, ...], sampling: Subimag
 def _levels(
     sight: _SectionSpectra, top: SubimageLevel, lengths: tuple[int, ...], sampling: SubimageSampling
 ) -> tuple[SubimageLevel, ...] | None:
-    """Levels from the section's own downwards; None where a smaller group does not need fewer angles."""
+    """Levels from the section's downwards; None where a smaller group does not need fewer angles."""
     above, tolerance = top, amplitude_from_db(sampling.error_db(len(lengths)) + _BOW_DB)
     levels = [above]
     for length in reversed(lengths):
@@ -306,11 +306,11 @@ def _chains(n: int, stages: int, own_bands: bool) -> Iterator[tuple[int, ...]]:
 
 @dataclass(frozen=True)
 class _ApertureEnds:
-    """Ends of the pixels' own apertures.
+    """Ends of the pixels' apertures.
 
     Parameters
     ----------
-    weight_db : window and antenna at the aperture's end, dB, and what a turning beam adds
+    weight_db : window and antenna at the aperture's end, dB, with the part of a turning beam
     fresnel : Fresnel length in pulses
     """
 

@@ -131,7 +131,7 @@ def group_centers(section: Section, level: SubimageLevel, antenna: F64) -> F64:
 
 
 def _subimage(job: Job, section: Section) -> list[dr.ArrayBase]:
-    """The section's own subimage, words [angle, range] per layer."""
+    """The section's subimage, words [angle, range] per layer."""
     antenna, centers = antenna_and_centers(job, section)
     images = _finest(job, section, antenna, centers[0])
     for step in range(len(section.levels) - 1):

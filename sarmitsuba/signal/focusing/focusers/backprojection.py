@@ -67,12 +67,12 @@ def backproject(
     batch_bytes: int = 4 << 20,
     tile_pixels: int = TILE_PIXELS,
 ) -> C64:
-    r"""Focus range-compressed data by summing every pulse at every pixel's own range.
+    r"""Focus range-compressed data by summing every pulse at every pixel's range.
 
     .. math:: I(p) = \frac{\sum_t w_t g_t R_t^2 s_t(R_t) e^{+j 4 \pi f_c R_t / c}}{K \sum_t w_t g_t^2},
               \quad R_t = |p - A_t|
 
-    with w the azimuth window over the pulses, or over the pixel's own aperture where the radar states one (stripmap),
+    with w the azimuth window over the pulses, or over the pixel's aperture where the radar states one (stripmap),
     and g the antenna's relative two-way amplitude towards p, so that :math:`|I|^2` is the RCS at a point's peak
     whatever the range, track, window and pattern. Where the receiver is at B_t, apart from the transmitter,
     :math:`R_t = (|p - A_t| + |p - B_t|) / 2`, and :math:`R_t^2` is the product of both.
@@ -82,7 +82,7 @@ def backproject(
     raw : range-compressed data
     target : a grid, or an (n, 3) list of scene-frame points, m
     range_window, azimuth_window : names for :func:`sarmitsuba.signal.focusing.windows.parse_window`; azimuth is over
-        the pulse index, or over the sine along the flight within the pixel's own aperture
+        the pulse index, or over the sine along the flight within the pixel's aperture
     interpolation : ``linear`` (least accurate), ``kernel:4``, ``kernel`` = ``kernel:6``, ``kernel:8`` (most accurate)
     oversampling : range upsampling factor, 0 = 6 for ``linear`` and 2 for the others
     progress : called after every batch of pulses
@@ -189,7 +189,7 @@ class Backprojection(Focuser):
         """Error of range interpolation and rounding, dB, against the sum in float64 at exact ranges.
 
         Powers add up of the interpolation's, as benchmarks/suite/focusers.py measures it, and of the rounding of
-        directions at the ends of pixels' own apertures and in narrow beams. All grow where a place is weakly
+        directions at the ends of pixels' apertures and in narrow beams. All grow where a place is weakly
         illuminated: its pixel is divided by the summed weight of its pulses.
         """
         width = parse_interpolation(self.interpolation)

@@ -70,7 +70,7 @@ class Factorised(Focuser):
 
     Notes
     -----
-    Ignores what backprojection ignores. Where a pixel's own aperture ends within a section, the section's subimage has
+    Has the limits of backprojection. Where a pixel's aperture ends within a section, the section's subimage has
     an edge, of which the part outside its spectrum is lost: the longer the section over the Fresnel length
     :math:`\sqrt{\lambda R / 2}`, the less (:attr:`sarmitsuba.signal.focusing.factorised.division.Plan.edge_db`, an
     empirical law).
@@ -113,7 +113,7 @@ class Factorised(Focuser):
     def error_db(self, radar: Radar, grid: ImageGrid) -> float:
         """Predicted error for a rectangular azimuth window, with a margin; NaN where the image leaves the beam.
 
-        With what the summed weights miss between their nodes, measured halfway.
+        With the error of the summed weights between their nodes, measured halfway.
         """
         plan = self.plan(radar, grid)
         if isinstance(plan, str):

@@ -116,7 +116,7 @@ def omega_k(
 
     Notes
     -----
-    The formula is in :mod:`sarmitsuba.signal.focusing.frequency_domain.rows`; what it ignores, at ``RowsImaging``
+    The formula is in :mod:`sarmitsuba.signal.focusing.frequency_domain.rows`; its limits, at ``RowsImaging``
     there.
     """
     task = FocusTask(raw, grid, parse_window(range_window), parse_window(azimuth_window), progress)
@@ -154,7 +154,7 @@ class OmegaK(RowsFocuser):
 
     Notes
     -----
-    Ignores what :class:`sarmitsuba.signal.focusing.frequency_domain.rows.RowsImaging` ignores.
+    Has the limits of :class:`sarmitsuba.signal.focusing.frequency_domain.rows.RowsImaging`.
     """
 
     name: ClassVar[str] = "omega_k"

@@ -1,4 +1,4 @@
-"""Spectrum of backprojection's pulse weights over a pixel's own aperture."""
+"""Spectrum of backprojection's pulse weights over a pixel's aperture."""
 
 from dataclasses import dataclass
 

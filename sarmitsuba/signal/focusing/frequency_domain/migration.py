@@ -15,6 +15,7 @@ from sarmitsuba.signal.focusing.frequency_domain.track_geometry import (
     track_geometry,
     track_refusal,
 )
+from sarmitsuba.signal.focusing.frequency_domain.turning import hold_beam
 from sarmitsuba.signal.image import ImageGrid
 
 # directions with less than this share of the strongest two-way gain are ignored in the residual phase
@@ -141,7 +142,8 @@ class Migration:
 
 def plan_migration(radar: Radar, grid: ImageGrid, treatment: Treatment) -> Migration:
     """Migration law of an algorithm for a radar and a slant or ground grid along its track."""
-    geometry = track_geometry(radar, slant_grid(radar, grid))
+    radar, slant = hold_beam(radar, slant_grid(radar, grid))
+    geometry = track_geometry(radar, slant)
     kc = 4.0 * np.pi / radar.waveform.wavelength
     return Migration(kc, geometry.rho_center, geometry.sin_squint, treatment)
 
@@ -153,6 +155,7 @@ def directions(radar: Radar, grid: ImageGrid) -> tuple[F64, F64, NDArray[np.bool
     -------
     (3, 3, n) sines of the angle off broadside, (3,) ranges of closest approach, m, and (3, 3, n) which sines count
     """
+    radar, grid = hold_beam(radar, slant_grid(radar, grid))
     rows = grid.azimuth[[0, grid.azimuth.size // 2, -1]]
     columns = grid.range[[0, grid.range.size // 2, -1]]
     points = replace(grid, azimuth=rows, range=columns).positions()
@@ -171,6 +174,7 @@ def directions(radar: Radar, grid: ImageGrid) -> tuple[F64, F64, NDArray[np.bool
 
 def residual_phase(radar: Radar, grid: ImageGrid, law: Migration) -> float:
     """Largest residual phase, rad, of a law in the spectra of a slant grid's corners and edges."""
+    radar, grid = hold_beam(radar, slant_grid(radar, grid))
     sine, rho, seen = directions(radar, grid)
     half = 2.0 * np.pi * radar.waveform.bandwidth / SPEED_OF_LIGHT
     offset = np.linspace(-half, half, _FREQUENCIES)
@@ -181,6 +185,7 @@ def residual_phase(radar: Radar, grid: ImageGrid, law: Migration) -> float:
 
 def residual_power(radar: Radar, grid: ImageGrid, law: Migration) -> float:
     """Mean square residual phase, rad^2, of a law in the spectrum of the worst edge or corner."""
+    radar, grid = hold_beam(radar, slant_grid(radar, grid))
     sine, rho, seen = directions(radar, grid)
     half = 2.0 * np.pi * radar.waveform.bandwidth / SPEED_OF_LIGHT
     offset = np.linspace(-half, half, _FREQUENCIES)

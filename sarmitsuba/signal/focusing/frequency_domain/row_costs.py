@@ -4,8 +4,12 @@ from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import ClassVar
 
+import numpy as np
+
+from sarmitsuba.core.arrays import C64
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.focuser import CALL_SECONDS, WEIGHT_SECONDS, Focused, Focuser, FocusTask
+from sarmitsuba.signal.focusing.frequency_domain.equivalent_track import EquivalentTrack
 from sarmitsuba.signal.focusing.frequency_domain.rows import RowsImaging
 from sarmitsuba.signal.focusing.frequency_domain.stated import spectrum_rows, spectrum_work
 from sarmitsuba.signal.focusing.frequency_domain.track_geometry import (
@@ -14,7 +18,9 @@ from sarmitsuba.signal.focusing.frequency_domain.track_geometry import (
     slant_grid,
     track_geometry,
 )
+from sarmitsuba.signal.focusing.frequency_domain.turning import TurningBeam, hold_beam, range_blocks, turns
 from sarmitsuba.signal.focusing.frequency_domain.weights import NODES
+from sarmitsuba.signal.focusing.windows import parse_window
 from sarmitsuba.signal.image import ImageGrid
 
 # bytes of a slant pixel: while its calibration is made in float64, that calibration, and its product with a layer
@@ -43,8 +49,32 @@ class RowsFocuser(Focuser, ABC):
 
     def focus(self, task: FocusTask) -> Focused:
         """Focus."""
-        imaging = self.imaging(task)
-        return Focused(imaging.forward(task.raw.data), imaging.pulse_weights)
+        radar, window = task.raw.radar, task.azimuth_window
+        if not turns(radar):
+            imaging = self.imaging(task)
+            return Focused(imaging.forward(task.raw.data), imaging.pulse_weights)
+        beam = TurningBeam.of(radar, task.grid)
+        parts = [self._sum_turning(replace(task, grid=grid)) for grid in range_blocks(radar, task.grid)]
+        pixels = np.concatenate(parts, axis=2)
+        pixels *= beam.scale(task.grid, window).astype(np.float32)
+        return Focused(pixels, lambda point: beam.pulse_weights(point, window))
+
+    def _sum_turning(self, task: FocusTask) -> C64:
+        """Sums over the pulses, not divided by their weights, of a part of an image that is lit in turn.
+
+        By a beam that turns, or from a curved track.
+        """
+        raw, radar, grid, window = task.raw, task.raw.radar, task.grid, task.azimuth_window
+        track = None if radar.track.is_straight else EquivalentTrack.of(radar, grid)
+        if track is not None:
+            raw, grid = replace(raw, radar=track.straight), track.straight_grid
+        dense = TurningBeam.of(raw.radar, grid)
+        even = replace(
+            task, grid=grid, raw=dense.unfold(raw, window), azimuth_window=parse_window("rectangular")
+        )
+        pixels = self.imaging(even).forward(even.raw.data)
+        pixels *= np.float32(dense.dense.size / dense.factor)
+        return pixels if track is None else track.resample(pixels, grid)
 
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
         """Processor time: the algorithm's rate times the common work."""
@@ -55,7 +85,7 @@ class RowsFocuser(Focuser, ABC):
 
     def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
         """Peak memory in bytes while the pixels are made, pixels included."""
-        slant = slant_grid(radar, grid)
+        radar, slant = hold_beam(radar, slant_grid(radar, grid))
         geometry = track_geometry(radar, slant)
         dense = replace(geometry, spacing=geometry.spacing / rate_factor(radar, slant, geometry)[0])
         rows, mapped = (int(n) for n in spectrum_rows(radar, slant, dense))

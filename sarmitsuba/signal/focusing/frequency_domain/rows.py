@@ -228,7 +228,7 @@ class RowsImaging(LinearMap):
     Parameters
     ----------
     name : of the algorithm, for messages
-    task : what to focus; a ground grid is interpolated from the slant grid of its ranges
+    task : of focusing; a ground grid is interpolated from the slant grid of its ranges
     law : makes the algorithm's law from the band
     room : range margin, m, that the algorithm needs for data of a range of sines and an extent in m
 
@@ -241,7 +241,7 @@ class RowsImaging(LinearMap):
     -----
     Ignores the part of a range column's aperture that the receive window cuts off (backprojection renormalises it).
     In spotlight mode the antenna pattern is compensated at each pixel but not used as a weight; in stripmap mode
-    the weight is the pattern at the image's central range, over the pixels' own apertures where the radar states
+    the weight is the pattern at the image's central range, over the pixels' apertures where the radar states
     them. Where the aperture's and the image's Doppler band together pass the PRF the pulse rate is raised by deramping;
     a still wider image is aliased, with a warning.
     """
@@ -456,7 +456,7 @@ def _write_columns(sums: ChirpZ, columns: C64, out: C64) -> None:
 def _denser(geometry: TrackGeometry, factor: int, guard: int) -> TrackGeometry:
     """Track with a pulse rate raised by a whole factor, with pulses of zeros on either side.
 
-    What lies between the last pulses and beyond them must reach as far as the matched filter, and not come round to the
+    The parts between the last pulses and beyond them must reach as far as the matched filter, and not come round to the
     other end of the track.
     """
     n = scipy.fft.next_fast_len(geometry.x.size + 2 * guard)

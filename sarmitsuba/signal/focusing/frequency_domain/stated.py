@@ -8,6 +8,7 @@ from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import weights_difference
 from sarmitsuba.signal.focusing.frequency_domain.aperture_filter import aperture_filter
+from sarmitsuba.signal.focusing.frequency_domain.equivalent_track import EquivalentTrack
 from sarmitsuba.signal.focusing.frequency_domain.migration import Migration, residual_power
 from sarmitsuba.signal.focusing.frequency_domain.track_geometry import (
     TrackGeometry,
@@ -19,6 +20,7 @@ from sarmitsuba.signal.focusing.frequency_domain.track_geometry import (
     track_period,
     wavenumber,
 )
+from sarmitsuba.signal.focusing.frequency_domain.turning import TurningBeam, hold_beam, range_blocks, turns
 from sarmitsuba.signal.focusing.frequency_domain.weights import filter_gain, pulse_weights
 from sarmitsuba.signal.focusing.profiles import plan_spectrum
 from sarmitsuba.signal.focusing.windows import parse_window
@@ -31,6 +33,8 @@ _FLOOR_DB = -58.0
 _OWN, _OWN_POWER = 0.32, -2.5
 # of the track's ends where they are the aperture's, likewise: ripple of the filter, which the pulse rate cuts off
 _TRACK_ENDS = 0.1
+# of beams that turn: ends of apertures between pulses, and margin over the filter's change
+_TURNED, _CHANGED = 3e-5, 4.0
 # least number of pulses for a stated error
 _FEWEST_PULSES = 50
 # allowed aliased share of the image's Doppler band over that of the pulses
@@ -46,14 +50,26 @@ def stated_error_db(radar: Radar, grid: ImageGrid, law: Migration | None) -> flo
     pulse weights' difference to backprojection's, of stationary phase and the ends of apertures away from the reference
     range where pixels have their own apertures, and of a floor.
     """
-    slant = slant_grid(radar, grid)
+    slant, turned = slant_grid(radar, grid), 0.0
+    if turns(radar):
+        block = range_blocks(radar, slant)[0]
+        beam = TurningBeam.of(radar, block)
+        turned += 0.0 if radar.track.is_straight else EquivalentTrack.of(radar, block).phase ** 2 / 3.0
+        rectangular = parse_window("rectangular")
+        corners = slant.positions()[:: max(1, slant.shape[0] // 2), :: max(1, slant.shape[1] // 2)]
+        turned += (
+            _TURNED
+            + _CHANGED * beam.change_power()
+            + weights_difference(radar, corners, beam.pulse_weights(corners, rectangular))
+        )
+        radar, slant = hold_beam(radar, slant)
     geometry = track_geometry(radar, slant)
     if radar.track.n_pulses < _FEWEST_PULSES or rate_factor(radar, slant, geometry)[1] > _FOLDED:
         return float("nan")
     window = parse_window("rectangular")
     rows, columns = (np.unique([0, n // 2, n - 1]) for n in slant.shape)
     points = replace(slant, azimuth=slant.azimuth[rows], range=slant.range[columns]).positions()
-    power = power_from_db(_FLOOR_DB)
+    power = power_from_db(_FLOOR_DB) + turned
     power += weights_difference(radar, points, pulse_weights(radar, slant, points, window))
     if own_apertures(radar):
         power += _OWN * _product(radar, slant, radar.half_aperture) ** _OWN_POWER
@@ -101,7 +117,7 @@ def spectrum_work(radar: Radar, grid: ImageGrid) -> float:
 
     Samples weighted by the spectrum of their own apertures count twice before it.
     """
-    slant = slant_grid(radar, grid)
+    radar, slant = hold_beam(radar, slant_grid(radar, grid))
     geometry = track_geometry(radar, slant)
     factor = rate_factor(radar, slant, geometry)[0]
     dense = replace(geometry, spacing=geometry.spacing / factor)

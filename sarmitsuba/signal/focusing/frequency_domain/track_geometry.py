@@ -8,14 +8,14 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.core.arrays import F64, I64
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import direction_gain, look_directions
+from sarmitsuba.signal.focusing.frequency_domain.equivalent_track import LARGEST_PHASE, EquivalentTrack
+from sarmitsuba.signal.focusing.frequency_domain.turning import lit_from_orbit, range_blocks, turns
 from sarmitsuba.signal.focusing.grid import slant_below, slant_ranges
 from sarmitsuba.signal.image import ImageGrid
 
 # largest part of the (raised) PRF that the image's Doppler band may take: the rest is for the ripple at its edges
 _BAND_FILL = 0.6
 
-# change of the boresight's sine over the track up to which a beam counts as fixed to it: rounding
-_FIXED = 1e-9
 # two-way amplitude, over the strongest at the same pixel, above which a pulse counts for the image's Doppler band
 _LIT = 0.02
 # pulses sampled for that
@@ -39,8 +39,8 @@ class TrackGeometry:
     x_center, rho_center : m, azimuth and closest-approach range of the image's central pixel
     range_center : m, slant range from the middle of that pixel's aperture to it
     sin_squint : sine of the angle between that line of sight and broadside: the middle of the image's Doppler band
-    half_band : half the Doppler band of a pixel's own aperture, in sines; infinite where all pulses serve every pixel
-    seen : smallest and largest sine at which pulses see the image; within the beam, or the pixels' own apertures
+    half_band : half the Doppler band of a pixel's aperture, in sines; infinite where all pulses serve every pixel
+    seen : smallest and largest sine at which pulses see the image; within the beam, or the pixels' apertures
     faded : beyond those, sines at which the matched filter has faded out
     """
 
@@ -66,7 +66,7 @@ class TrackGeometry:
     def reach(self, wavenumber: float) -> float:
         """Half the processed band about the squint at a wavenumber, rad/m, in sines, within :attr:`faded`.
 
-        It is that of the pulses; where pixels' own apertures with the tails of their ends are wider, the pulses'
+        It is that of the pulses; where pixels' apertures with the tails of their ends are wider, the pulses'
         spectrum is continued periodically.
         """
         pulses = self.nyquist(wavenumber)
@@ -103,17 +103,14 @@ def track_refusal(radar: Radar, grid: ImageGrid) -> str:
     if track.n_pulses < 8:
         return f"{track.n_pulses} pulses are too few, at least 8 are needed"
     if not track.is_straight:
-        return "the track is curved or not uniformly sampled"
+        return curve_refusal(radar, grid)
     ground = grid.kind == "ground"
     relative = track.position - (track.center_position if ground else grid.origin)
     off = np.abs(relative - (relative @ grid.along)[:, None] * grid.along).max()
     if off > 1e-4 or (track.position[-1] - track.position[0]) @ grid.along < 0.0:
         return f"the track runs {off:.3g} m off the {grid.kind} grid's horizontal axis (bound 1e-4 m)"
-    turns = float(np.ptp(radar.pointing.boresight @ radar.track.along))
-    if lit_in_turn(radar) and turns > _FIXED:
-        return "the beam turns over the track (sliding spotlight, orbit), so that pixels' apertures differ in Doppler"
     edge = abs(boresight_sine(radar)) + radar.half_aperture
-    if own_apertures(radar) and edge > _STEEPEST:
+    if own_apertures(radar) and not turns(radar) and edge > _STEEPEST:
         return (
             f"the pixels' apertures reach {np.degrees(np.arcsin(min(edge, 1.0))):.3g} degrees off broadside (bound "
             f"{np.degrees(np.arcsin(_STEEPEST)):.3g})"
@@ -123,13 +120,30 @@ def track_refusal(radar: Radar, grid: ImageGrid) -> str:
     return ""
 
 
+def curve_refusal(radar: Radar, grid: ImageGrid) -> str:
+    """Reason why data from a curved track cannot be focused on a grid; empty when an equivalent straight one serves."""
+    track = radar.track
+    step = np.diff(track.time)
+    if not lit_from_orbit(radar) or np.ptp(step) > 1e-6 * step.mean():
+        return "the track is curved or not uniformly sampled"
+    if radar.antenna.table is not None:
+        return "the antenna's pattern is a table, which is not stretched to the effective velocity in orbit"
+    worst = max(EquivalentTrack.of(radar, block).phase for block in range_blocks(radar, grid))
+    if worst > LARGEST_PHASE:
+        return (
+            f"the effective velocity in orbit changes over the image, which leaves {worst:.3g} rad (bound "
+            f"{LARGEST_PHASE:g})"
+        )
+    return ""
+
+
 def own_apertures(radar: Radar) -> bool:
     """Whether every pixel has its own aperture, a band about the boresight's direction."""
     return bool(np.isfinite(radar.half_aperture))
 
 
 def lit_in_turn(radar: Radar) -> bool:
-    """Whether the beam, or the band of the pixels' own apertures, passes over the pixels one after the other."""
+    """Whether the beam, or the band of the pixels' apertures, passes over the pixels one after the other."""
     return own_apertures(radar) or (radar.antenna.directive and radar.mode_law.own_apertures)
 
 
@@ -137,7 +151,7 @@ def track_geometry(radar: Radar, grid: ImageGrid) -> TrackGeometry:
     """Positions of data and image along a straight track, and the Doppler band.
 
     The middle of the Doppler band is the direction to the image's centre from the middle of the pulses that serve it:
-    in spotlight those of the whole track. Pixels' own apertures lie about the boresight, wherever along the strip the
+    in spotlight those of the whole track. Pixels' apertures lie about the boresight, wherever along the strip the
     image is.
     """
     track = radar.track
@@ -177,8 +191,8 @@ def _faded_sines(radar: Radar, grid: ImageGrid, seen: tuple[float, float]) -> tu
 
     .. math:: \Delta s = (1 - s^2)^{3/4} \sqrt{\pi / k \rho}
 
-    of it. No farther than halfway to grazing, where it would raise what leaks there by :math:`(k / k_y)^{7/2}`.
-    Pixels' own apertures end by tails of their own, which reach as far.
+    of it. No farther than halfway to grazing, where it would raise the leakage by :math:`(k / k_y)^{7/2}`.
+    Pixels' apertures end by tails of their own, which reach as far.
     """
     rho, ends = float(grid.range[0]), []
     for sign, sine in zip((-1.0, 1.0), seen, strict=True):

@@ -64,7 +64,7 @@ def _interpolate_coarse(coarse: F64, rows: I64, columns: I64, shape: tuple[int, 
 
 
 def _own_sums(radar: Radar, grid: ImageGrid, geometry: TrackGeometry, window: Window) -> F64:
-    """Sum w g g_filter over the part of the pixels' own apertures within the track, (n_azimuth, n_range).
+    """Sum w g g_filter over the part of the pixels' apertures within the track, (n_azimuth, n_range).
 
     The part within the track changes abruptly where apertures begin to leave it and is computed at every pixel; the
     rest varies slowly and is summed at a few nodes.
@@ -86,7 +86,7 @@ def _own_sums(radar: Radar, grid: ImageGrid, geometry: TrackGeometry, window: Wi
 
 
 def _held_part(radar: Radar, grid: ImageGrid, geometry: TrackGeometry, window: Window) -> F64:
-    """Part of the weight of every pixel's own aperture that lies within the track, (n_azimuth, n_range)."""
+    """Part of the weight of every pixel's aperture that lies within the track, (n_azimuth, n_range)."""
     half = radar.half_aperture
     offset = np.linspace(-half, half, _SINES)
     sine = geometry.sin_squint + offset

@@ -1,10 +1,7 @@
-"""Families of windows: cosine, Kaiser, Taylor.
+"""Families of windows: a constant and a cosine (rectangular, Hamming, Hann), Kaiser, Taylor.
 
-Windows that are a constant and a cosine: rectangular, Hamming, Hann.
-
-Kaiser window: nearly the largest energy in a main lobe of given width.
-
-Taylor window: nearly equal side lobes of a given level next to the main lobe.
+Kaiser's has nearly the largest energy in a main lobe of given width, Taylor's nearly equal side lobes of a given level
+next to the main lobe.
 """
 
 from functools import lru_cache

@@ -2,11 +2,11 @@
 
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.machine.exclusive import threads
 from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.radar.radar import Radar
@@ -23,7 +23,6 @@ from sarmitsuba.signal.focusing.focuser import (
     look_bytes,
     parse_focuser,
 )
-from sarmitsuba.signal.focusing.focusers.backprojection import Backprojection
 from sarmitsuba.signal.focusing.look import look_size
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.simulation.execution.layers import LayerPlan
@@ -59,8 +58,8 @@ RASTER_PIXEL, RASTER_PLANE = 16, 60
 RASTER_SHARE, FORMED_PIXEL = 0.1, 2.1e-7
 # seconds of a run of any size: lattices, sources, the first transforms; and of an ideal point's pulse
 SETUP, FIRST_FOCUS, POINT_PULSE = 0.07, 0.04, 1e-7
-# seconds of a sample's noise, and of its range upsampled for focusing
-NOISE_SAMPLE, UPSAMPLED = 8e-8, 1.5e-7
+# seconds of a sample's noise
+NOISE_SAMPLE = 8e-8
 # seconds of the first finer lattice of a process over those of the next
 FIRST_LAID = 0.2
 # share of a run's rays and contributions that one witness may take, and rays that the one of the rays may take in short
@@ -77,7 +76,7 @@ def needs_of(
     grid: ImageGrid | None = None,
     trace_scene: TraceScene | None = None,
     sub_bands: int = 1,
-    pairs: PairLevel | None = None,
+    measured: Mapping[str, object] | None = None,
 ) -> Needs:
     """Rays, bytes and seconds that a run needs.
 
@@ -88,7 +87,7 @@ def needs_of(
     grid : pixels; default: those of the scene; one pulse gives no image
     trace_scene : traced geometry; None: finer lattices over its small parts, and pairs, are left out
     sub_bands : number of frequencies that the band is traced at
-    pairs : level of pairs of diffuse scatterers, where it is known
+    measured : measurements of kinds of sources, by name
 
     Notes
     -----
@@ -99,7 +98,7 @@ def needs_of(
     if sampling is not None:
         if scene.settings.method == "image":
             sampling = sampling.of_one_look()
-        tracing = _TracingCost.of(sampling, layers, trace_scene, sub_bands, pairs)
+        tracing = _TracingCost.of(sampling, layers, trace_scene, sub_bands, measured)
     method = scene.settings.method
     if method not in ("image", "raster") and grid is None and scene.radar.track.n_pulses < 2:
         return _count_raw(scene, tracing, layers, None)
@@ -136,7 +135,7 @@ class _TracingCost:
         layers: LayerPlan,
         trace_scene: TraceScene | None,
         sub_bands: int,
-        pairs: PairLevel | None,
+        measured: Mapping[str, object] | None,
     ) -> "_TracingCost":
         """Count rays and sources; the time of finer lattices is estimated from sparse ones laid out here."""
         plain, before = lattice_rays(sampling, layers), time.process_time()
@@ -150,7 +149,7 @@ class _TracingCost:
             tuple(map(sum, zip(plain, finer, strict=True))),
             finer,
             laying + sum(plain) * USUAL_CORE.plain_node,
-            expected_sources(RunSite(sampling, None, trace_scene, pairs), sub_bands),
+            expected_sources(RunSite(sampling, None, trace_scene, measured), sub_bands),
             sub_bands,
         )
 
@@ -278,12 +277,7 @@ def _count_raw(
     if radar.noise_temperature > 0.0:
         after["noise"] = samples * NOISE_SAMPLE
     if grid and focuser:
-        if isinstance(focuser, Backprojection):
-            pixel_pulses = float(np.prod(shape)) * n_layers * n_pulses * focuser.effort(radar, grid)
-            forming = USUAL_CORE.stages(Work(pixel_pulses=pixel_pulses))["focus"]
-        else:
-            forming = n_layers * focuser.cpu_seconds(radar.start_stop(), grid)
-        after["focus"] = FIRST_FOCUS + samples * UPSAMPLED + forming
+        after["focus"] = FIRST_FOCUS + n_layers * focuser.cpu_seconds(radar.start_stop(), grid)
     if tracing is None:
         return Needs(
             name=scene.name,

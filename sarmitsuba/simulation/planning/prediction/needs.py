@@ -142,7 +142,7 @@ class Needs:
 
     @property
     def remedy(self) -> str:
-        """Advice on what to change, by the part that needs the most memory."""
+        """Advice on a change, by the part that needs the most memory."""
         part = max(self.parts, key=lambda name: self.parts[name])
         rows, columns = self.image_shape
         metres = "check that the model is in metres (to_world)"

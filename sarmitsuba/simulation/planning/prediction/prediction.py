@@ -1,6 +1,6 @@
-"""Predicted time by stage and memory of a run, from tracing one batch of it.
+"""Predicted time by stage and memory of a run, from tracing one batch of it; and its explanation before it starts.
 
-Explanation of a run before it starts: effects with their reasons, time and memory.
+An explanation has the effects with their reasons, time and memory.
 """
 
 import gc
@@ -55,7 +55,7 @@ class Prediction:
     seconds : by stage, in the order of the run
     measured : whether they are measured on a part of the run; else from a model of speed
     memory : bytes, peak memory of the process, interpreter and libraries included
-    refusal : why the run does not fit into memory, and what to change; empty where it fits
+    refusal : why the run does not fit into memory, and the remedy; empty where it fits
     rays, key_pulses, contributions : numbers in the whole run
     pixels : of the image, all layers
     key_pulse_interval : pulses that share one tracing; 0 where nothing is traced
@@ -419,18 +419,23 @@ class Explanation:
 
 
 @exclusive
-def explain(scene: SceneLike, *, predicted: bool = True) -> Explanation:
+def explain(scene: SceneLike, *, predicted: bool = True, measured: bool = False) -> Explanation:
     """Explanation of a scene's effects plan, with the predicted time and memory of simulation and focusing.
 
     Parameters
     ----------
     scene : as loaded, a scene file, or the name of a shipped scene
-    predicted : whether to make the prediction, which traces a part of the run
+    predicted : whether to predict time and memory, from counts and a model of speed; nothing beyond the pilot is traced
+    measured : whether to trace a part of the run for it, and every effect with and without it; takes several times
+        as long as the run where that takes seconds
     """
     scene = continue_ground(Scene.of(scene))
-    if predicted:
+    if measured:
         return Explanation(scene, *predict(scene, both_ways=True))
-    return Explanation(scene, plan_scene(scene), None)
+    if not predicted:
+        return Explanation(scene, plan_scene(scene), None)
+    run = Run(scene)
+    return Explanation(scene, run.plan, Prediction.of(run.needs()))
 
 
 def _prediction_text(prediction: Prediction) -> str:

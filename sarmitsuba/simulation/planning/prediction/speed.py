@@ -99,8 +99,10 @@ class SpeedModel:
 
 
 # processor seconds of a core of about 2.5 GHz: 5 million rays per second including their hits, as many diffuse
-# scatterers including those of later bounces, 2 million samples, 400 million pixel-pulses. A launch includes recording,
-# setting up a block and reading its grid back; adding to the grid is included in rays and scatterers
+# scatterers including those of later bounces, 2 million samples; 400 million pixel-pulses, between backprojection
+# without an antenna pattern and with one, for decisions before there is a focuser: forecasts take its `cpu_seconds`.
+# A launch includes recording, setting up a block and reading its grid back; adding to the grid is included in rays and
+# scatterers
 USUAL_CORE = SpeedModel(
     ray=1 / 5e6,
     launch=9e-3,

@@ -84,7 +84,7 @@ def divide_cells(
 
     Returns
     -------
-    lattice, and what is still too coarse because of the bound on rays (None if nothing)
+    lattice, and surfaces that are still too coarse because of the bound on rays (None if none)
 
     Notes
     -----
@@ -138,7 +138,7 @@ class _Division:
         return [cells for cells in still if cells.n]
 
     def shortfall(self) -> Shortfall | None:
-        """What is still too coarse because of the bound on rays."""
+        """Surfaces that are still too coarse because of the bound on rays."""
         if self.short <= ENOUGH:
             return None
         spacing = min((cells.spacing for cells in self.done["later"] if cells.n), default=self.grid.spacing)
@@ -358,7 +358,7 @@ class _Search:
         return [2.0**steps * lack.reshape(-1, 4**steps).max(axis=1) for lack in parts]
 
     def of_cells(self, groups: list[_Cells]) -> list[F64]:
-        """Largest width of each cell's tube at hits after the first, over what the facet there needs; (n,) each.
+        """Largest width of each cell's tube at hits after the first, over the width that the facet needs; (n,) each.
 
         Many cells are searched from the middle position alone.
         """
@@ -438,7 +438,7 @@ class _Mirrors:
     def seen(self, chain: tuple[int, ...], antenna: F64, points: F64) -> F64:
         """Images (m, 3) of the points (n, 3) that the antenna sees in a chain of mirrors, the first mirror first.
 
-        Facets of a plane count as far as their bounds; what stands before them does not count.
+        Facets of a plane count as far as their bounds; bodies before them do not count.
         """
         images = [antenna[None]]
         for k in chain[:-1]:

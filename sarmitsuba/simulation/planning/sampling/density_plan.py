@@ -10,7 +10,6 @@ from sarmitsuba.core.constants import SUBSET_SHARES
 from sarmitsuba.effects.context import SamplingFacts
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.scene.materials.map_materials import list_with_parts
-from sarmitsuba.scene.mesh.sharp_edges import SharpEdges
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.block import choose_block_length
 from sarmitsuba.signal.direct import box_slant_range
@@ -24,7 +23,6 @@ from sarmitsuba.simulation.planning.sampling.launch_window import (
 from sarmitsuba.simulation.planning.sampling.small_parts import expected_finer_rays
 from sarmitsuba.tracing.kernel.launch import LATTICE_TURN, LaunchGrid, Purpose, lattice
 from sarmitsuba.tracing.kernel.scene_tables import TraceScene
-from sarmitsuba.tracing.scatterers.edges.diffraction import edges_of
 
 # rays per wavelength needed by curved and small parts (a sphere of ka = 60 is then within 0.1 dB of physical optics)
 RAYS_PER_WAVELENGTH = 4.5
@@ -246,11 +244,9 @@ class SamplingPlan:
         return TUBE_PHASE_CHANGE / per_pulse
 
     @cached_property
-    def sharp_edges(self) -> SharpEdges:
-        """Sharp metal edges of the scene, in pieces as long as the spacing of the coherent rays."""
-        scene, spacing = self.scene, self.spacings.coherent
-        wavelength = scene.radar.waveform.wavelength
-        return edges_of(scene.geometry, scene.materials, wavelength, self.half_cell, spacing)
+    def kept(self) -> dict[tuple[str, KernelFlags], object]:
+        """Lists that kinds of sources have found for this sampling; see ``Site.once``."""
+        return {}
 
     @cached_property
     def phase_box(self) -> F64:

@@ -35,7 +35,7 @@ class _Ghost:
     Parameters
     ----------
     power : m^2, estimated, at its peak
-    apart : m, along the track from the point's own position in the image
+    apart : m, along the track from the point's position in the image
     """
 
     power: float

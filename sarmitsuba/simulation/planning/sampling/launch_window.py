@@ -1,6 +1,6 @@
 """Launch window: the part of the scene that is lit by rays, for each sector of the track.
 
-Wires in the lit part of a scene, clipped to a box.
+Segments of scatterers in the lit part are clipped to a box.
 """
 
 from dataclasses import dataclass

@@ -80,6 +80,26 @@ def azimuth_shift(radar: Radar, points: F64, velocity: F64, times: F64) -> F64:
     return np.asarray(-np.sum(leg * velocity, axis=-1) / max(speed, 1e-9))
 
 
+def describe_vanished(scene: Scene) -> str:
+    """Meshes that stand in the image and appear outside of it, displaced by their range rate, as a note; else empty."""
+    radar, image = scene.radar, scene.image
+    pulses = radar.track.center_index, radar.track.center_index + 1
+    middle, half = np.array([image.center_x, image.center_y, image.height]), 0.5 * image.extent_azimuth
+    time, names, most = radar.track.time[slice(*pulses)], [], 0.0
+    for corners, (motion, faces) in zip(swept(scene, pulses), scene.geometry.moving_meshes(), strict=True):
+        along = (corners - middle) @ radar.track.along
+        seen = along[:1] + azimuth_shift(radar, corners[:1], motion.velocity_at(time)[:, None], time)
+        if np.abs(along).min() <= half and (seen.min() > half or seen.max() < -half):
+            names.append(scene.geometry.mesh_names[scene.geometry.face_mesh[faces.start]])
+            most = max(most, float(np.abs(seen).max()))
+    if not names:
+        return ""
+    return (
+        f"{scene.name}: {', '.join(names[:3])}{' and others' if names[3:] else ''}: the range rate displaces the echo "
+        f"by up to {most:.4g} m along the track, out of the image; set image_extent_azimuth to {2.1 * most:.3g} m"
+    )
+
+
 def fastest(scene: Scene) -> float:
     """Largest speed of a mesh during the aperture, m/s: bound on its change of range rates."""
     time = scene.radar.track.time[[0, -1]]

@@ -1,8 +1,7 @@
 """Ray lattices of a run, with finer ones over small parts at their positions at each pulse.
 
-Refinement of the automatic ray spacing by the measured sampling error, in place of a fixed number per wavelength.
-
-Warnings about ray spacings that are too large.
+The automatic ray spacing is refined by the measured sampling error, in place of a fixed number per wavelength;
+spacings that are too large are warned of.
 """
 
 import math
@@ -170,6 +169,8 @@ SMALL_BIAS_DB = 1.0
 # ray spacing in wavelengths from which shadows and reflections of small objects may be wrong by dB (of 53 random
 # scenes all with an error above 0.5 dB had a spacing of 1.7 wavelengths or more)
 WIDE_TUBE = 1.5
+# ray spacing in wavelengths below which no run is advised: the rays would be more than any machine traces
+_FINEST = 0.05
 
 
 def check_sampling(sampling: SamplingPlan, spacings: LatticeSpacings) -> list[str]:
@@ -229,10 +230,11 @@ def check_small_parts(sampling: SamplingPlan, shortfalls: Sequence[Shortfall]) -
 
 
 def _coarse_chains(sampling: SamplingPlan, short: Shortfall) -> str:
+    fine = short.needed >= _FINEST * sampling.scene.radar.waveform.wavelength
+    remedy = f"set ray_spacing to {short.needed:.2g} m, or make" if fine else "make"
     return (
         f"{sampling.scene.name}: curved or small surfaces that rays meet after a reflection are too large for the "
-        f"bound on rays: tubes there are {short.spacing:.3g} m wide; set ray_spacing to {short.needed:.2g} m, or "
-        "make the image smaller"
+        f"bound on rays: tubes there are {short.spacing:.3g} m wide; {remedy} the image smaller"
     )
 
 

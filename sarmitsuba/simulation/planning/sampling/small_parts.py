@@ -1,7 +1,4 @@
-"""Finer ray lattices over parts of a scene for which the plain lattice is too coarse.
-
-Lattices over small parts of the scene: finer rays where a piece of surface is narrower than the ray spacing.
-"""
+"""Finer ray lattices where a piece of surface is narrower than the ray spacing."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import deepcopy
@@ -115,7 +112,9 @@ def nodes_over(
     runs = [np.zeros((0, 3), dtype=np.int64)]
     margin = (rim + 1.0) * lattice.spacing
     within = (reach[0] + margin, reach[1] + margin)
-    corners, owner = cut(triangles, longest, lambda some: _may_reach(some, antennas, lattice.frame, within))
+    corners, owner = cut_triangles(
+        triangles, longest, lambda some: _may_reach(some, antennas, lattice.frame, within)
+    )
     stretch = None if piece is None else _stretches(corners, piece[owner], longest)
     rows_left = rows * max(most, 1.0)
     for first in range(0, len(corners), MOST_TRIANGLES):
@@ -346,7 +345,7 @@ def _may_reach(
     return np.asarray((least <= reach).all(axis=1) & (most >= -np.asarray(reach)).all(axis=1))
 
 
-def cut(
+def cut_triangles(
     triangles: F64, longest: float, wanted: Callable[[F64], NDArray[np.bool_]] | None = None
 ) -> tuple[F64, NDArray[np.intp]]:
     """Triangles halved across their longest edge until none is longer than ``longest``; parts, and their triangle.
@@ -523,7 +522,7 @@ def expected_finer_rays(
 
 
 def _budget(n_rays: int, scene: TraceScene) -> float:
-    """Bound on the rays of finer lattices; rays for metal corners are added, so that no other face loses its own."""
+    """Bound on the rays of finer lattices; rays for metal corners are added, so that no other face loses rays."""
     corners = np.isfinite(scene.corner_needs).any()
     return max(MOST_RAYS, SHARE * n_rays) + (HALVED * CORNER_RAYS if corners else 0.0)
 

@@ -160,7 +160,7 @@ class Bounds:
     exact: mi.Bool
 
     def apart(self) -> mi.Bool:
-        """Whether no line cuts the ray's own cell or the eight around it: :meth:`part` then is the cell."""
+        """Whether no line cuts the ray's cell or the eight around it: :meth:`part` then is the cell."""
         out = mi.Bool(True)
         for line in self.lines:
             # tol: rounding of the same heights in :meth:`part`
@@ -180,7 +180,7 @@ class Bounds:
         return self.exact & (_weigh_terms(phase, kept_up_to) == 0.0) & self.apart()
 
     def cell(self) -> Polygon:
-        """The ray's own cell."""
+        """The ray's cell."""
         low, high = mi.Float(-0.5), mi.Float(0.5)
         sides = (
             (low, low, high, low),

@@ -1,7 +1,4 @@
-"""Ray tubes: the footprint of a ray on a facet and its extent.
-
-Variation of the surface normal over a ray tube on a curved mirror, which makes the tube diverge or converge.
-"""
+"""Ray tubes: the footprint of a ray on a facet, and its divergence or convergence behind a curved mirror."""
 
 from __future__ import annotations
 

@@ -157,13 +157,13 @@ def _wound(faces: I64) -> tuple[F64, NDArray[np.bool_]]:
 
 @dataclass(frozen=True, eq=False)
 class Scattered:
-    """Monostatic scattering amplitudes from currents, and what in them is not the body's.
+    """Monostatic scattering amplitudes from currents, and the errors in them.
 
     Parameters
     ----------
     matrices : (n, 2, 2) complex128, m, amplitudes [direction, received, sent]
-    losses : (n, 2, 2) complex128, m, what the artificial losses add to them, to first order
-    residual : (n, 2, 2) float64, m, rms of what the residual of the equations adds to them
+    losses : (n, 2, 2) complex128, m, contribution of the artificial losses, to first order
+    residual : (n, 2, 2) float64, m, rms of the contribution of the residual of the equations
     """
 
     matrices: C128
@@ -200,11 +200,12 @@ def scattering_matrices(
 
     Notes
     -----
-    Of perfect conductors. Ignores what the edges of the mesh's triangles cannot resolve: rounding smaller than an edge,
-    and currents that grow towards sharp edges, whose error falls with the length of the edges. Closed bodies have a
-    surface resistance of ``RESISTANCE`` times 120 pi ohm (-0.03 dB), and less in proportion where they are thinner than
-    ``DEPTH``, which damps currents of the resonances inside at one quality. What it changes follows from the currents:
-    with the matrix P of products of the functions, :math:`dS/dR = S_{pq}` with :math:`j\, b_p^T Z^{-1} P Z^{-1} b_q`.
+    Of perfect conductors. Ignores details that the edges of the mesh's triangles cannot resolve: rounding smaller than
+    an edge, and currents that grow towards sharp edges, whose error falls with the length of the edges. Closed bodies
+    have a surface resistance of ``RESISTANCE`` times 120 pi ohm (-0.03 dB), and less in proportion where they are
+    thinner than ``DEPTH``, which damps currents of the resonances inside at one quality. Its effect follows from the
+    currents: with the matrix P of products of the functions, :math:`dS/dR = S_{pq}` with :math:`j\, b_p^T Z^{-1} P
+    Z^{-1} b_q`.
 
     References
     ----------

@@ -24,9 +24,14 @@ from sarmitsuba.tracing.kernel.source import Scatterers
 from sarmitsuba.tracing.kernel.stage import apply_at_mirror
 from sarmitsuba.tracing.kernel.state import Kernel
 from sarmitsuba.tracing.kernel.table_rows import MaterialRow
-from sarmitsuba.tracing.scatterers.edges.plate_rims import PlateRim, sinc
-from sarmitsuba.tracing.scatterers.edges.sheet_waves import FAR, SheetWave
-from sarmitsuba.tracing.scatterers.edges.wedge_strips import FringeStrip, WedgeFace
+from sarmitsuba.tracing.scatterers.edges.edge_currents import (
+    FAR,
+    FringeStrip,
+    PlateRim,
+    SheetWave,
+    WedgeFace,
+    sinc,
+)
 
 if TYPE_CHECKING:
     from sarmitsuba.tracing.derivatives.leg_tangents import Shift
@@ -224,7 +229,7 @@ class FringeCurrents(Scatterers):
     observer off the sheet in the plane across the rim.
 
     Rims of thin plates are those of half planes in their middle, see
-    :class:`sarmitsuba.tracing.scatterers.edges.plate_rims.PlateRim`; the
+    :class:`sarmitsuba.tracing.scatterers.edges.edge_currents.PlateRim`; the
     narrow face's optical return is taken off, as far as rays find it.
 
     Waves along a sheet are taken in the middles of pieces, also those over a rim that is not parallel: obliquely to the
@@ -395,7 +400,7 @@ class _Wedge:
         direction lies inside the metal
     electric, magnetic : shares of the parts with the electric and the magnetic field along the edge
     along : factor of the magnetic part by waves along the sheet; None where no edge is the rim of one
-    plate : what the thickness of a plate adds to its rim
+    plate : contribution of the thickness of a plate to its rim
     losses : factors on the waves of both faces by their roughness; None where they are smooth
     """
 

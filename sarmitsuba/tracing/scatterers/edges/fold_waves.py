@@ -18,7 +18,7 @@ from sarmitsuba.tracing.kernel.leg import Leg
 from sarmitsuba.tracing.kernel.source import Scatterers
 from sarmitsuba.tracing.kernel.state import Kernel
 from sarmitsuba.tracing.scatterers.edges.diffraction import LONGEST
-from sarmitsuba.tracing.scatterers.edges.plate_rims import sinc
+from sarmitsuba.tracing.scatterers.edges.edge_currents import sinc
 
 if TYPE_CHECKING:
     from sarmitsuba.tracing.derivatives.leg_tangents import Shift
@@ -47,8 +47,8 @@ class FoldWaves(Scatterers):
 
     Notes
     -----
-    Backscatter alone. All waves have the range of the fold, and both faces are rectangles: what their ends along the
-    fold send is missing. Ignores other bodies within the fold but for its visibility.
+    Backscatter alone. All waves have the range of the fold, and both faces are rectangles: waves that their ends along
+    the fold send is missing. Ignores other bodies within the fold but for its visibility.
     """
 
     mechanism = "edge"

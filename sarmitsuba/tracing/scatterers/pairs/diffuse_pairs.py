@@ -42,8 +42,8 @@ from sarmitsuba.tracing.kernel.source import MAX_LANES, Part
 from sarmitsuba.tracing.kernel.speckle import mix
 from sarmitsuba.tracing.kernel.state import SCATTERER, Contribution, Kernel
 from sarmitsuba.tracing.kernel.table_rows import FaceRow, MaterialRow
+from sarmitsuba.tracing.kernel.temporal import Age
 from sarmitsuba.tracing.scatterers.pairs.pair_search import FACING, SurfacePairs
-from sarmitsuba.tracing.scatterers.water.temporal import Age
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
@@ -99,7 +99,8 @@ class PairSource:
     the speckle of its two cells, as for surfaces rough against the wavelength.
     """
 
-    mechanism = "diffuse pair"
+    mechanism: ClassVar[str] = "diffuse pair"
+    drawn: ClassVar[str] = "pairs of diffuse scatterers"
 
     # kinds of parameters whose derivatives are not known: shapes that move have other pairs
     unknown: ClassVar[frozenset[str]] = frozenset({"materials", "shapes"})

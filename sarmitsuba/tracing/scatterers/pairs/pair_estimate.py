@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C128, F64, box_of_each, boxes_meet
 from sarmitsuba.core.units import power_from_db
-from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.machine.backend import dr, mi
 from sarmitsuba.radar.antenna import Antenna
@@ -22,6 +21,7 @@ from sarmitsuba.tracing.kernel.scene_tables import TraceScene
 from sarmitsuba.tracing.kernel.source import launches
 from sarmitsuba.tracing.kernel.state import Contribution, Kernel, KernelSettings
 from sarmitsuba.tracing.scatterers.pairs.diffuse_pairs import PairSource
+from sarmitsuba.tracing.scatterers.pairs.kind import PAIRS, PairLevel
 from sarmitsuba.tracing.scatterers.pairs.pair_search import SurfacePairs, find_pairs
 from sarmitsuba.tracing.scatterers.sources import Site
 
@@ -163,7 +163,8 @@ def expected_pair_points(site: Site) -> float:
     """Estimated number of points for the pairs of a run; the upper bound where no level is known."""
     areas = _pair_areas(site)
     finest = max(_cell_for(areas, MOST_POINTS), FINEST * site.scatterer_cell)
-    cell = site.pairs.cell if site.pairs is not None else finest
+    known = site.measured.get(PAIRS)
+    cell = known.cell if isinstance(known, PairLevel) else finest
     return areas[0] / cell**2
 
 

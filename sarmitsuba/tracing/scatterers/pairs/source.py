@@ -1,11 +1,15 @@
 """Random pairs of mutually visible diffuse scatterers."""
 
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.scene.scene import Scene
 from sarmitsuba.tracing.kernel.source import Source
 from sarmitsuba.tracing.scatterers.pairs.diffuse_pairs import PairSource
+from sarmitsuba.tracing.scatterers.pairs.kind import FLAG, PAIRS
 from sarmitsuba.tracing.scatterers.pairs.pair_estimate import (
     PILOT_POINTS,
     estimate_pairs,
     expected_pair_points,
+    pair_level,
     pilot_cell,
     run_pairs,
 )
@@ -18,20 +22,32 @@ POINT_BYTES, PAIRS_OF_POINTS = 280, 0.1
 
 
 class PairKind(SourceKind):
-    """PairKind of diffuse scatterers, as many as the sampling error requires."""
+    """Pairs of diffuse scatterers, as many as the sampling error requires."""
 
-    name, rank = "pairs", 40
+    name, rank = PAIRS, 40
 
-    def made(self, site: Site) -> Source | None:
+    def make_source(self, site: Site) -> Source | None:
         """See :class:`SourceKind`."""
-        if not site.flags.diffuse_pairs or site.trace_scene is None:
+        if not site.flags.on(FLAG) or site.trace_scene is None:
             return None
         pairs = run_pairs(site, estimate_pairs(site, pilot_cell(site, PILOT_POINTS)))
         return PairSource(pairs) if pairs.n else None
 
-    def expected(self, site: Site, sub_bands: int) -> Expected | None:
+    def measures(self, flags: KernelFlags) -> bool:
+        """Where they are on: their power decides."""
+        return flags.on(FLAG)
+
+    def measure(self, site: Site) -> object:
+        """Their :class:`PairLevel`."""
+        return pair_level(site)
+
+    def bounces(self, scene: Scene, flags: KernelFlags) -> int:
+        """Two where they are on."""
+        return 2 if flags.on(FLAG) else 1
+
+    def estimate_cost(self, site: Site, sub_bands: int) -> Expected | None:
         """Cost from the number of points, which depends on the level of pairs where it is known."""
-        if not site.flags.diffuse_pairs or site.trace_scene is None:
+        if not site.flags.on(FLAG) or site.trace_scene is None:
             return None
         points = expected_pair_points(site)
         making = LEVEL + points * POINT_LAID

@@ -1,4 +1,4 @@
-"""Scatterers of a user's own kinds, traced directly to the antenna, straight and over the ground."""
+"""Scatterers of extensions' kinds, traced directly to the antenna, straight and over the ground."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LocalWaves:
-    """Incident and scattered wave at a scatterer, in the scatterer's own axes.
+    """Incident and scattered wave at a scatterer, in the scatterer's axes.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class LocalWaves:
 
 
 class Reflector(ScattererKind, ABC):
-    """A kind of scatterers at known positions with a closed form of its own.
+    """A kind of scatterers at known positions with a closed form.
 
     Notes
     -----
@@ -77,7 +77,7 @@ class Reflectors(Scatterers):
     kind : of all
     targets : where they stand
     weights : (n,) of their amplitudes
-    owner : (n,) number of each among the targets of all kinds of a user's own; None: in this order
+    owner : (n,) number of each among the targets of all extensions' kinds; None: in this order
     """
 
     def __init__(

@@ -119,7 +119,7 @@ def slab_factors(
     Parameters
     ----------
     properties, row : rows of the material in `TraceScene.material_table` and in `SlabTables.table`
-    behind : whether ``n`` is the reverse of the facet's own normal: the wave then meets the coating first
+    behind : whether ``n`` is the reverse of the facet's normal: the wave then meets the coating first
     """
     cosine = dr.maximum(-dr.dot(d, n), 1e-7)
     return slab(cosine, properties.susceptibility, row.phase_thickness, row.sheet_admittance, behind)

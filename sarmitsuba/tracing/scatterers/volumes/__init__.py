@@ -1,1 +1,1 @@
-"""Volumes: what a scene holds of them (`kind`), their scatterers, extinction and cost (`source`)."""
+"""Volumes: their objects in a scene (`kind`), their scatterers, extinction and cost (`source`)."""

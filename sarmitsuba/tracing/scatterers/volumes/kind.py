@@ -85,7 +85,7 @@ class Volume:
     name : of the shape
     vertices : (n_v, 3) float64, m, scene frame
     faces : (n_f, 3) int32, normals outwards
-    medium : what it is filled with; where volumes overlap, both fill the place
+    medium : its filling; where volumes overlap, both fill the place
     spacing : m, distance between the scatterers that represent it; 0: from the radar's resolution
     """
 

@@ -16,13 +16,13 @@ from sarmitsuba.tracing.kernel import field
 from sarmitsuba.tracing.kernel.device_arrays import device_array, vector_rows
 from sarmitsuba.tracing.kernel.intersector import intersector, query_ray
 from sarmitsuba.tracing.kernel.leg import Leg
+from sarmitsuba.tracing.kernel.passage import Passage
 from sarmitsuba.tracing.kernel.scattering_matrix import Drawn, one_term
 from sarmitsuba.tracing.kernel.source import PointSource, Scatterers, Source
 from sarmitsuba.tracing.kernel.speckle import gaussian, mix
-from sarmitsuba.tracing.scatterers.slabs.passage import Passage
+from sarmitsuba.tracing.kernel.temporal import Age
 from sarmitsuba.tracing.scatterers.sources import SOURCES, Expected, Site, SourceKind, most_bounces
 from sarmitsuba.tracing.scatterers.volumes.kind import Volume, volumes_of
-from sarmitsuba.tracing.scatterers.water.temporal import Age
 
 if TYPE_CHECKING:
     from sarmitsuba.scene.materials.vegetation.canopy import VolumeMedium
@@ -207,7 +207,7 @@ class VolumePassage:
         active: mi.Bool,
         fields: tuple[field.ComplexVector, ...],
     ) -> tuple[field.ComplexVector, ...]:
-        """See :class:`sarmitsuba.tracing.scatterers.slabs.passage.Passage`."""
+        """See :class:`sarmitsuba.tracing.kernel.passage.Passage`."""
         node, share = _node(dr.abs(direction.z))
 
         def extinction(volume: mi.UInt32, medium: mi.UInt32, active: mi.Bool) -> Pair:
@@ -440,7 +440,7 @@ class VolumeCells(SourceKind):
 
     name, rank = "volumes", 20
 
-    def made(self, site: Site) -> Source | None:
+    def make_source(self, site: Site) -> Source | None:
         """See :class:`SourceKind`."""
         scene, volumes = site.scene, volumes_of(site.scene.scatterers)
         if not volumes:
@@ -448,7 +448,7 @@ class VolumeCells(SourceKind):
         scatterers = volume_scatterers(volumes, site.cell_area, scene.settings.seed, site.shares)
         return PointSource(scatterers, most_bounces(scene)) if scatterers.n else None
 
-    def expected(self, site: Site, sub_bands: int) -> Expected | None:
+    def estimate_cost(self, site: Site, sub_bands: int) -> Expected | None:
         """Cost from the number of cells in the bounding boxes, and of scatterers inside the volumes."""
         volumes, area = volumes_of(site.scene.scatterers), site.cell_area
         if not volumes:

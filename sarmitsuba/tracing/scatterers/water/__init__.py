@@ -1,1 +1,1 @@
-"""Water: waves under wind, and change with time."""
+"""Water under wind: its waves and their motion."""

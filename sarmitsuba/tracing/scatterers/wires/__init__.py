@@ -1,1 +1,1 @@
-"""Wires: what a scene holds of them (`kind`), their series (`cylinder`), their echoes and cost (`source`)."""
+"""Wires: their objects in a scene (`kind`), their series (`cylinder`), their echoes and cost (`source`)."""

@@ -90,7 +90,7 @@ def longest_step(range_cell: float, azimuth_cell: float, distance: float, wavele
     return float(min(range_cell / PER_RANGE_CELL, azimuth_cell / PER_AZIMUTH_CELL, fresnel))
 
 
-def cut(wires: Sequence[WireTarget], longest: float) -> WireNodes:
+def cut_wires(wires: Sequence[WireTarget], longest: float) -> WireNodes:
     """Nodes along wires, spaced by at most ``longest``, m, with one at each end of a wire."""
     points, inward, axes, steps, sides, numbers = [], [], [], [], [], []
     for number, wire in enumerate(wires):
@@ -307,18 +307,18 @@ class WireRows(SourceKind):
 
     name, rank = "wires", 10
 
-    def made(self, site: Site) -> Source | None:
+    def make_source(self, site: Site) -> Source | None:
         """See :class:`SourceKind`."""
         wires = wires_of(site.scene.scatterers)
         if not wires:
             return None
-        nodes = cut(wires, _step(site))
+        nodes = cut_wires(wires, _step(site))
         nodes = nodes.weigh(site.shares(nodes.point))
         if not len(nodes.point):
             return None
         return PointSource(WireScatterers(nodes, wires, site.wavelength), most_bounces(site.scene))
 
-    def expected(self, site: Site, sub_bands: int) -> Expected | None:
+    def estimate_cost(self, site: Site, sub_bands: int) -> Expected | None:
         """Cost from the number of nodes, and of tables for each thickness and material at each frequency."""
         wires = wires_of(site.scene.scatterers)
         if not wires:

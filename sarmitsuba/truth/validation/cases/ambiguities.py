@@ -109,7 +109,7 @@ class Ghosts:
         return np.array(theory.azimuth_ghost(WAVELENGTH, self.slant_range, self.prf, self.speed, order, sine))
 
     def theory_level(self, order: int) -> float:
-        """Power of a ghost over the point's own by theory."""
+        """Power of a ghost over the point's by theory."""
         return theory.azimuth_ghost_level(
             self.gain,
             WAVELENGTH,

@@ -22,7 +22,7 @@ class Setup:
     slant_range : m
     window : of both axes
     method : focuser
-    rays : spacing over the scatterer cell, 0 = the simulator's own choice
+    rays : spacing over the scatterer cell, 0 = the simulator's choice
     """
 
     look: float = 35.0

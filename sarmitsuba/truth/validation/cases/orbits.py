@@ -185,7 +185,7 @@ def orbit_doppler(quick: bool = False) -> Case:
 
 
 def pattern_width(antenna_length: float, wavelength: float) -> float:
-    r"""Azimuth IRW of a uniform aperture's own beam on a straight track, m.
+    r"""Azimuth IRW of a uniform aperture's beam on a straight track, m.
 
     .. math:: h(x) = \int_{-\lambda/D}^{\lambda/D} \mathrm{sinc}^4(D s / \lambda) \cos(4 \pi s x / \lambda) ds
     """

@@ -90,7 +90,7 @@ class RadarView:
 
 
 def polarimetric_targets(quick: bool = False) -> Case:
-    """Deterministic targets from drawn headings: alpha, entropy, orientation, and what RH and RV say."""
+    """Deterministic targets from drawn headings: alpha, entropy, orientation, and decompositions of RH and RV."""
     rng = np.random.default_rng(15)
     rolls = np.sort(rng.uniform(-44.0, 44.0, 3 if quick else 9))
     cases = [("plate", 0.0), ("trihedral", 20.0), ("sphere", 0.0), *(("dihedral", r) for r in rolls)]

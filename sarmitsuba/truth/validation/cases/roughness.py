@@ -85,7 +85,7 @@ def coherent_loss(quick: bool = False) -> Case:
 
 
 def shared_energy(quick: bool = False) -> Case:
-    """Coherent and diffuse power of a rough surface add up to what a smooth one reflects."""
+    """Coherent and diffuse power of a rough surface add up to the power that a smooth one reflects."""
     theta = np.radians(np.arange(0.0, 86.0, 5.0))
     comparisons = []
     for ks in (0.3, 1.0, 3.0):

@@ -1,4 +1,4 @@
-"""Long waves, drawn one by one: where their orbits put what an image shows of the sea."""
+"""Long waves, drawn one by one: the displacement of the sea in an image by their orbits."""
 
 from dataclasses import replace
 

@@ -1,18 +1,10 @@
 """Crowns of conifers and broad-leaved trees, and hedges.
 
-Crown of a conifer, such as a spruce: needles in all directions, branches nearly horizontal.
-
-Sizes and densities are chosen within forestry data, none fitted to a radar measurement.
-
-Crowns of broad-leaved trees, such as limes and maples along a street, in leaf and without.
-
-Sizes and densities are chosen within forestry data for mature crowns (about 0.8 m^2 of leaf and 1 kg of fresh
-wood in a cubic metre), none of them fitted to a radar measurement. Their backscatter is printed by
-``python benchmarks/studies/vegetation.py --presets``.
-
-A cut hedge, such as privet or hornbeam: small leaves, many thin twigs, upright stems.
-
-Sizes and densities are chosen from typical hedges, none fitted to a radar measurement.
+Conifers, such as spruces, have needles in all directions and branches nearly horizontal. Broad-leaved trees, such as
+limes and maples along a street, are in leaf or bare, with about 0.8 m^2 of leaf and 1 kg of fresh wood in a cubic
+metre. Hedges, such as cut privet or hornbeam, have small leaves, many thin twigs and upright stems. Sizes and
+densities are chosen within forestry data, none fitted to a radar measurement; their backscatter is printed by ``python
+-m benchmarks.studies.vegetation --presets``.
 """
 
 from sarmitsuba.scene.materials.vegetation.canopy import CANOPIES, Canopy, Constituent, Orientation

@@ -1,4 +1,4 @@
-"""State of a ray beside an edge, for the derivatives of :mod:`sarmitsuba.tracing.scatterers.edges.edge_tangents`."""
+"""State of a ray beside an edge, for the derivatives of :mod:`sarmitsuba.tracing.derivatives.edge_tangents`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SHADOWED = 3
 
 @dataclass(frozen=True, eq=False)
 class EdgeLane:
-    """What a ray beside an edge keeps over all bounces.
+    """State of a ray beside an edge, over all bounces.
 
     Parameters
     ----------

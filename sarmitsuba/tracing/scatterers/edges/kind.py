@@ -1,4 +1,4 @@
-"""Edge diffraction: fringe currents along the sharp edges of metal."""
+"""Edge diffraction, fringe currents along the sharp edges of metal: when it is simulated."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,6 +13,7 @@ from sarmitsuba.effects.bounds import Aperture, EdgeBounds, edge_bounds
 from sarmitsuba.effects.context import CELL_BELOW_CLUTTER_DB, SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
+from sarmitsuba.effects.omitted_waves import EDGES
 from sarmitsuba.effects.text import length
 from sarmitsuba.scene.materials.diffuse import diffuse_tables
 from sarmitsuba.scene.materials.fresnel import fresnel
@@ -22,7 +23,7 @@ from sarmitsuba.scene.mesh.sharp_edges import SharpEdges, metal_edges
 from sarmitsuba.scene.visible_faces import VisibleFaces
 
 # antenna positions, distributed over all, and edges with the largest bounds whose fringe coefficients are computed
-POSITIONS, EDGES = 9, 2000
+POSITIONS, MOST_EDGES = 9, 2000
 # most metal faces searched for edges while planning: a quarter of a second
 MOST_FACES = 100_000
 # cosine of the slope of ground that counts as level
@@ -32,7 +33,7 @@ LEVEL = 0.98
 class EdgeDiffraction(Effect):
     r"""Edge diffraction; on where the strongest sharp metal edge, or the energy of all, is above the tolerance.
 
-    What an edge adds to physical optics in a resolution cell is at most the bound of
+    The contribution of an edge beyond physical optics in a resolution cell is at most the bound of
     :func:`sarmitsuba.effects.bounds.edge_bounds`: by the fringe coefficients of its wedge and its least lean out of
     the plane across the line of sight over the whole aperture, straight, and with one or both legs mirrored in level
     ground, times the reflection coefficient of the ground for each. The strongest edge is compared with the clutter or
@@ -46,16 +47,17 @@ class EdgeDiffraction(Effect):
     it counts as its ground.
     """
 
-    name = "edge_diffraction"
+    name = EDGES
     title = "fringe currents of metal edges"
     documentation = "diffraction by the sharp edges of metal beyond physical optics"
     off_when = (
         "no sharp metal edge, or the return of the strongest and the energy of all are below the tolerance"
     )
     off_means = "physical optics alone: HH = VV, no echo of a thin plate seen edge-on"
+    hidden = "edges"
     rank = 105
     kernel_flags: ClassVar[Mapping[str, str]] = {
-        "edge_diffraction": "a separate launch: one lane for each piece of an edge and pulse",
+        EDGES: "a separate launch: one lane for each piece of an edge and pulse",
     }
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
@@ -100,7 +102,7 @@ class EdgeDiffraction(Effect):
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
     ) -> Mapping[str, FlagValue]:
         """Flag of the separate launch of edges."""
-        return {"edge_diffraction": on}
+        return {EDGES: on}
 
 
 @dataclass(frozen=True)
@@ -132,7 +134,7 @@ def _ratio_db(power: float, reference: float) -> float:
 
 
 def _bound_edges(edges: SharpEdges, context: SceneContext, *, bounces: bool) -> _Added:
-    """Upper bounds of what edges add, with paths over the ground; energies of different paths add up."""
+    """Upper bounds of the contribution of edges, with paths over the ground; energies of different paths add up."""
     aperture = _aperture(context)
     lit = _find_lit(edges, context)
     ways = [(edges, lit, (False, False), 1.0)]
@@ -149,7 +151,7 @@ def _bound_edges(edges: SharpEdges, context: SceneContext, *, bounces: bool) -> 
         ways += [(raised, lit[above], mirrors, factor) for mirrors, factor in mirrored]
     cell, energy = 0.0, 0.0
     for some, inside, mirrors, factor in ways:
-        found: EdgeBounds = edge_bounds(some, aperture, mirrors, examined=EDGES)
+        found: EdgeBounds = edge_bounds(some, aperture, mirrors, examined=MOST_EDGES)
         cell = max(cell, factor**2 * float(found.cell.max()))
         energy += factor**2 * float(found.energy[inside].sum())
     return _Added(cell, energy)

@@ -1,8 +1,8 @@
-r"""Moving boundaries of what the antenna sees: rays on both sides of the edges of shapes, weighted by their motion.
+r"""Moving boundaries of the visible surface: rays on both sides of the edges of shapes, weighted by their motion.
 
 The sum over the tubes of a lattice of spacing s is, in the mean over the lattice's place, an integral over the launch
 plane of the return F of the tube at x. Derivatives of the returns of single tubes are taken with the tubes moving along
-with what they light (:mod:`sarmitsuba.tracing.derivatives.range_tangents`). Where F jumps at the projection of an edge,
+with the lit surface (:mod:`sarmitsuba.tracing.derivatives.range_tangents`). Where F jumps at the projection of an edge,
 that leaves
 
 .. math:: \frac{1}{s^2} \oint \left( (v - u_i) F_i - (v - u_o) F_o \right) dl
@@ -30,15 +30,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from sarmitsuba.machine.backend import dr, mi
+from sarmitsuba.tracing.derivatives.edge_state import SHADOWED, EdgeState
 from sarmitsuba.tracing.derivatives.tangents import EchoDerivative
 from sarmitsuba.tracing.kernel.device_arrays import device_array
-from sarmitsuba.tracing.scatterers.edges.edge_state import SHADOWED, EdgeState
 
 if TYPE_CHECKING:
+    from sarmitsuba.tracing.derivatives.edge_state import EdgeLane
     from sarmitsuba.tracing.derivatives.tangents import Carried, RayDerivative
     from sarmitsuba.tracing.kernel.launch import EdgeSamples
     from sarmitsuba.tracing.kernel.state import Hit, Lane, RayState
-    from sarmitsuba.tracing.scatterers.edges.edge_state import EdgeLane
 
 
 def begin_edge(

@@ -1,35 +1,65 @@
-"""Paths over two diffuse scatterers."""
+"""Paths over two diffuse scatterers: when they are simulated."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from sarmitsuba.core.units import db_from_power
-from sarmitsuba.effects.context import PairLevel, SceneContext
+from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import length
 
+# name of the source, and of the effect and its flag
+PAIRS, FLAG = "pairs", "diffuse_pairs"
 # level above the tolerance up to which pairs are left out, dB: relative to all clutter, and in the strongest square of
 # the ground. They only raise the level of the clutter smoothly: with the default tolerance of -40 dB by 0.04 dB, and by
 # 0.4 dB in that square, about the calibration accuracy of a radar
 WHOLE_DB, SQUARE_DB = 20.0, 30.0
 
 
+@dataclass(frozen=True)
+class PairLevel:
+    """Power of pairs of diffuse scatterers: unbiased estimate from a random sample of pairs.
+
+    Parameters
+    ----------
+    share : their power relative to that of single diffuse scattering
+    error : standard error of ``share``
+    strongest : power in the strongest square of the ground, relative to mean clutter of the same area
+    square : m, side of the squares
+    pairs : number of drawn pairs with an echo
+    realisation_error : energy of the image's error by the random choice of the run's pairs, relative to the clutter
+    cell : m, of the points from which the run's pairs are drawn
+    cross : their cross-polar power relative to single diffuse scattering; 0 where the radar records none
+    """
+
+    share: float
+    error: float
+    strongest: float
+    square: float
+    pairs: int
+    realisation_error: float
+    cell: float
+    cross: float = 0.0
+
+
 class DiffusePairs(Effect):
     """Double diffuse scattering; off where no surface sees another, or where it hardly changes the clutter level."""
 
-    name = "diffuse_pairs"
+    name = FLAG
     title = "two diffuse scatterers in a row"
     documentation = "paths over two diffuse scatterers, from one to the other"
     off_when = (
         "no diffuse surface sees another, or the pilot finds that pairs hardly change the clutter level"
     )
     off_means = "no echoes of pairs of diffuse scatterers"
+    hidden = "the second scatterer of a pair"
     rank = 65
     kernel_flags: ClassVar[Mapping[str, str]] = {
-        "diffuse_pairs": "pairs of diffuse scatterers, in a separate launch",
+        FLAG: "pairs of diffuse scatterers, in a separate launch",
     }
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
@@ -41,8 +71,8 @@ class DiffusePairs(Effect):
             return Assessment(
                 False, f"one bounce: {depth.why}", -np.inf if depth.source == "fact" else np.nan
             )
-        level = context.pairs
-        if level is None:
+        level = context.measured.get(PAIRS)
+        if not isinstance(level, PairLevel):
             if context.scene.settings.effects.get(self.name) == "off":
                 return Assessment(False, "their power was not estimated", float("nan"))
             return Assessment(
@@ -58,7 +88,7 @@ class DiffusePairs(Effect):
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
     ) -> Mapping[str, FlagValue]:
         """No flag: pairs have a separate launch."""
-        return {"diffuse_pairs": on and decided["diffuse"].on}
+        return {FLAG: on and decided["diffuse"].on}
 
 
 def _decide_by_level(level: PairLevel, context: SceneContext) -> Assessment:

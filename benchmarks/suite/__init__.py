@@ -1,0 +1,1 @@
+"""Benchmarks of ``make benchmarks``, one a module; ``run_all`` runs them."""
