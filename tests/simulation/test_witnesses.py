@@ -19,6 +19,7 @@ from sarmitsuba.simulation.execution import witnesses
 from sarmitsuba.simulation.execution.ray_witness import halved_plan, witness_rays
 from sarmitsuba.simulation.execution.render import simulate
 from sarmitsuba.simulation.execution.run import Run
+from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer
 from sarmitsuba.simulation.planning.sampling.chains import halve_spacing
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.tracing.kernel.launch import LatticeLevel, LaunchGrid, lattice
@@ -150,9 +151,28 @@ def test_the_error_of_a_midpoint_rule_is_found_from_a_few_of_its_rays(waves: int
     exact = echoes([halve_spacing(halve_spacing(grid))])
     true = 10.0 * np.log10(np.sum(np.abs(echoes([grid]) - exact) ** 2))
     seeds = range(10 if allowed < 1e6 else 1)
-    found = [witness_rays(echoes, [grid], np.ones(1), np.nan, 0.8, seed, allowed) for seed in seeds]
+    found = [witness_rays(echoes, [grid], np.ones(1), np.nan, 0.8, 5.0, seed, allowed) for seed in seeds]
     levels = np.array([[each.error_db, each.upper_db] for each in found if each is not None])
     # tol: dB, the rest of two halvings where all rays are traced; else the draw of a few runs of rays
     if waves == 1 or allowed == 1e6:  # a few runs do not show that errors cancel among all
         assert abs(np.median(levels[:, 0]) - true) < (0.8 if allowed == 1e6 else 3.0)
     assert np.mean(levels[:, 1] > true - 0.8) >= 0.9  # the confidence that it states
+
+
+def test_echoes_are_proportional_to_the_weight_of_their_rays() -> None:
+    """Also those that go back along their own chain of mirrors, whose field passes it twice."""
+    run = Run(scene_of("tower", keep_subsets=False))
+    assert run.sampling is not None and run.trace_scene is not None
+    assert run.plan.flags.diffuse_double and run.plan.flags.multi_bounce
+    rays = run.rays(run.sampling, 0)
+    tracer = BatchTracer(run.tracer(run.sampling), rays, run.layers.per_subset, run.layers.max_order)
+    grids = [replace(each, x=each.x[::50], y=each.y[::50]) for each in rays.plain[0]]
+
+    def echoes(weight: float) -> C64:
+        lattices = [replace(one, levels=(replace(one.every_level[0], weight=weight),)) for one in grids]
+        return tracer.trace(Batch(0, 0, 1, together=True), lattices).profiles
+
+    # tol: float32 sums
+    np.testing.assert_allclose(
+        echoes(-3.0), -3.0 * echoes(1.0), rtol=1e-3, atol=1e-5 * np.abs(echoes(3.0)).max()
+    )

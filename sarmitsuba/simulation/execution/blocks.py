@@ -398,11 +398,12 @@ class Blocks:
             )
             return np.stack([planes[[c == channel for c in own]].sum(axis=0) for channel in channels])
 
-        scene = self.tracer.sampling.scene
+        sampling = self.tracer.sampling
+        scene, cell = sampling.scene, max(sampling.azimuth_cell, sampling.range_cell)
         seed, wavelength = scene.settings.seed, scene.radar.waveform.wavelength
         each = allowed / len(pulses)
         return witness_rays(
-            profiles, rays, energy.mean(axis=0), self._two_sets_db(pulses), wavelength, seed, each
+            profiles, rays, energy.mean(axis=0), self._two_sets_db(pulses), wavelength, cell, seed, each
         )
 
     def _two_sets_db(self, pulses: NDArray[np.intp]) -> float:

@@ -202,14 +202,16 @@ class Imager:
         scatter = np.nan
         if has_subsets(layers.layers):
             scatter = max(estimate_error(data, layers.layers, pixels=False).error_db)
+        assert self.sampling is not None
         scene, rays = self.run.scene, self.rays(pass_index)[0]
+        cell = max(self.sampling.azimuth_cell, self.sampling.range_cell)
         seed, wavelength = scene.settings.seed, scene.radar.waveform.wavelength
         allowed = max(WITNESS_SHARE * (before.rays + before.contributions), WITNESS_LEAST)
 
         def traced(some: Sequence[LaunchGrid]) -> C64:
             return by_channel(self._trace(tuple(some), lambda launch: launch.part.rays > 0))
 
-        found = witness_rays(traced, rays, energy, scatter, wavelength, seed, allowed)
+        found = witness_rays(traced, rays, energy, scatter, wavelength, cell, seed, allowed)
         self.run.statistics = before
         return found
 

@@ -55,7 +55,7 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
         if halved := halved_plan(sampling, blocks.rays.at(radar.track.center_index), rays):
             assert rays is not None
             notes.append(
-                f"{scene.name}: the error of the rays, measured against half their spacing, was "
+                f"{scene.name}: the error of the rays, measured against finer ones, was "
                 f"{rays.error_db:.1f} dB; all is traced again at half the spacing"
             )
             if run.finished is not None:

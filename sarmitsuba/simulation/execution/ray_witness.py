@@ -27,8 +27,10 @@ from sarmitsuba.tracing.kernel.launch import LaunchGrid
 # least rays traced; rounds in which they are, while their scatter leaves the error open by more than so many dB, and
 # groups of each, of runs of neighbours, as terms of common sides of tubes cancel among them; runs of a group in a level
 LEAST_TRACED, ROUNDS, SURE_DB, GROUPS, RUN, LEAST_RUNS = 25_000, 3, 4.0, 3, 256, 4
-# rays traced for a diffuse one that is drawn
-PARTS = 5
+# rays traced for a diffuse one that is drawn; rays of a round over those for levels as a whole
+PARTS, DRAWN = 5, 0.25
+# resolution cells across a run whose errors do not add up with those of others in a pixel; least rays across
+RUN_CELLS, LEAST_RUN = 2.0, 4.0
 # wavelengths down to which rays are halved where something needs dense ones, and most halvings: what is seen in a
 # curved mirror may converge no sooner
 FINE_WAVELENGTHS, MOST_HALVINGS = 1.0 / 8.0, 2
@@ -50,6 +52,7 @@ def witness_rays(
     energy: F64,
     two_sets_db: float,
     wavelength: float,
+    cell: float,
     seed: int,
     allowed: float,
 ) -> Witness | None:
@@ -62,6 +65,7 @@ def witness_rays(
     energy : (n_channels,) of the echoes of all rays and sources of this pulse or look
     two_sets_db : error measured by the difference of two ray sets, worst channel, dB; NaN: there is one set
     wavelength : m
+    cell : m, the larger resolution
     seed : of the draw
     allowed : most rays to be traced
 
@@ -73,7 +77,7 @@ def witness_rays(
     counted = energy > power_from_db(EMPTY_DB) * energy.max(initial=0.0)
     if not lattices or not counted.any():
         return None
-    plan = _Plan.of(lattices, wavelength, max(allowed, LEAST_TRACED) / ROUNDS)
+    plan = _Plan.of(lattices, wavelength, cell, max(allowed, LEAST_TRACED))
     change = _Change(profiles, lattices, plan, np.random.default_rng([seed & 0x7FFFFFFF, 0x3A75]))
     while True:
         levels = (db_from_power(float((x[counted] / energy[counted]).max())) for x in change.measure())
@@ -100,37 +104,46 @@ class _Plan:
     step: int
 
     @staticmethod
-    def of(lattices: Sequence[LaunchGrid], wavelength: float, allowed: float) -> "_Plan":
-        """Plan of about ``allowed`` rays: half for levels of few rays as a whole, the rest for those of many.
+    def of(lattices: Sequence[LaunchGrid], wavelength: float, cell: float, allowed: float) -> "_Plan":
+        """Plan of about ``allowed`` rays for levels of few rays as a whole, and a share of it for a round of others.
 
-        Diffuse returns of different runs have nothing in common: of theirs one draw suffices, weighted by the root of
-        one over its chance.
+        Errors of runs wider than a resolution cell, and those of diffuse returns, do not add up in a pixel: of these
+        one draw suffices, weighted by the root of one over its chance.
         """
-        levels, whole, left = [], {}, 0.5 * allowed
+        near, apart = [], []
         for i, grid in enumerate(lattices):
-            counts = np.bincount(grid.level, minlength=len(grid.every_level))
-            for k, (level, n) in enumerate(zip(grid.every_level, counts.tolist(), strict=True)):
+            counts = np.diff([*(level.first for level in grid.every_level), grid.n_rays]).tolist()
+            for k, (level, n) in enumerate(zip(grid.every_level, counts, strict=True)):
                 # large flat facets are tiled exactly at first hits, but only by all rays together
-                plain = level.serves != "later" and not np.isfinite(level.needs[1])
-                wanted = math.ceil(math.log2(max(level.spacing / (FINE_WAVELENGTHS * wavelength), 1.0)))
-                halvings = 1 if plain else min(max(wanted, 1), MOST_HALVINGS)
-                if n and grid.purpose == "diffuse":
-                    step = math.ceil(PARTS * grid.n_rays / (0.5 * allowed))
-                    whole[i, k] = Draw(step, 0, RUN, 1, math.sqrt(step)), n // step
-                elif (
-                    n
-                    and level.spacing > FINEST_WAVELENGTHS * wavelength
-                    and not (plain and level.serves == "first")
+                plain = (
+                    level.serves != "later" and not np.isfinite(level.needs[1]) and grid.purpose != "diffuse"
+                )
+                if (
+                    not n
+                    or level.spacing < FINEST_WAVELENGTHS * wavelength
+                    or (plain and level.serves == "first")
                 ):
-                    levels.append((n * (1 + 4**halvings), i, k, n, halvings, plain))
-        levels.sort()
-        while levels and levels[0][0] <= left + (0.5 * allowed if len(levels) == 1 else 0.0):
-            cost, i, k, n, halvings, plain = levels.pop(0)
+                    continue
+                run = 1 << math.ceil(2.0 * math.log2(max(RUN_CELLS * cell / level.spacing, LEAST_RUN)))
+                if grid.purpose == "diffuse" or run <= RUN:
+                    apart.append((i, k, n, min(run, RUN), plain))
+                    continue
+                wanted = math.ceil(math.log2(max(level.spacing / (FINE_WAVELENGTHS * wavelength), 1.0)))
+                halvings = min(max(wanted, 1), MOST_HALVINGS)
+                near.append((n * (1 + 4**halvings), i, k, n, halvings, plain, wanted))
+        near.sort()
+        whole, left = {}, allowed
+        fits = int(np.searchsorted(np.cumsum([level[0] for level in near]), left, side="right"))
+        left -= sum(level[0] for level in near[:fits])
+        for cost, i, k, n, halvings, plain, wanted in near[:fits]:
+            if wanted > halvings and 3 * cost <= left:  # once more, where few rays allow it
+                halvings, left = halvings + 1, left - 3 * cost
             whole[i, k] = Draw(halvings=halvings, weight=_full(halvings), only_later=plain), n
-            left -= cost
-        cost = sum(level[0] for level in levels)
-        step = max(2, math.ceil(cost / (left + 0.5 * allowed)))
-        return _Plan(whole, tuple(level[1:] for level in levels), step)
+        step = max(1, math.ceil(PARTS * sum(n for _, _, n, _, _ in apart) / (DRAWN * allowed)))
+        for i, k, n, run, plain in apart:
+            whole[i, k] = Draw(step, 0, run, weight=math.sqrt(step), only_later=plain), n // step
+        of_round = max(2, math.ceil(sum(level[0] for level in near[fits:]) / (left + DRAWN * allowed)))
+        return _Plan(whole, tuple(level[1:6] for level in near[fits:]), of_round)
 
 
 class _Change:
@@ -156,9 +169,10 @@ class _Change:
         self.steps = GROUPS * plan.step
         self.first, self.shift = int(rng.integers(self.steps)), rng.random()
         self.n_drawn = sum(n for _, n in plan.whole.values())
-        self.whole = (
-            self._exchange({key: draw for key, (draw, _) in plan.whole.items()}) if plan.whole else None
-        )
+        draws = {
+            key: replace(draw, first=int(rng.integers(draw.step))) for key, (draw, _) in plan.whole.items()
+        }
+        self.whole = self._exchange(draws) if draws else None
         self.groups: list[C64] = []
         self.go_on()
 
@@ -190,8 +204,13 @@ class _Change:
         """Energy of the change by all rays, and the level below which it lies, (n_channels,)."""
         if not self.groups:
             assert self.whole is not None
-            own = np.square(np.abs(self.whole), dtype=np.float64).sum(axis=tuple(range(1, self.whole.ndim)))
-            return own, own
+            square = np.square(np.abs(self.whole), dtype=np.float64)
+            own, carry = (
+                square.sum(axis=(axes := tuple(range(1, square.ndim)))),
+                _count_carriers(square, axes),
+            )
+            drawn = any(draw.step > 1 for draw, _ in self.plan.whole.values())
+            return own, own * (1.0 + drawn * scipy.special.stdtrit(carry, CONFIDENCE) / np.sqrt(carry))
         n, axes = len(self.groups), tuple(range(1, self.groups[0].ndim))
         weight = self.steps / n
         each = np.float32(weight) * np.stack(self.groups)
@@ -203,13 +222,17 @@ class _Change:
         shared = (2.0 * np.real(np.conj(whole) * total) + common).sum(axis=axes)
         square = np.square(apart) * (n / (n - 1)) + 2.0 * np.square(np.abs(whole)) * apart
         spread = np.sqrt(square.sum(axis=axes))
-        # samples that carry the scatter: the quantile of few is large
-        carry = np.square(apart.sum(axis=axes)) / np.maximum(np.square(apart).sum(axis=axes), 1e-300)
-        carry = np.maximum(carry, 1.0)
+        carry = _count_carriers(apart, axes)
         quantile = scipy.special.stdtrit((n - 1) * carry, CONFIDENCE)
-        likely = shared**3 / np.maximum(np.square(shared) + np.square(spread), 1e-300)
+        likely = np.maximum(shared, 0.0) ** 3 / np.maximum(np.square(shared) + np.square(spread), 1e-300)
         upper = alone * (1.0 + quantile / np.sqrt(carry)) + np.maximum(shared, 0.0) + quantile * spread
-        return np.maximum(alone + likely, 0.0), upper
+        return alone + likely, upper
+
+
+def _count_carriers(square: F64, axes: tuple[int, ...]) -> F64:
+    """Effective number of samples that carry the energy of a channel, at least 1: the quantile of few is large."""
+    total = np.square(square.sum(axis=axes)) / np.maximum(np.square(square).sum(axis=axes), 1e-300)
+    return np.asarray(np.maximum(total, 1.0))
 
 
 def _full(halvings: int) -> float:
@@ -225,7 +248,7 @@ def say_rays(name: str, witness: Witness | None) -> str:
     """
     if witness is None:
         return ""
-    measured = f"{name}: the error of the rays at one pulse, measured against half their spacing, is"
+    measured = f"{name}: the error of the rays, measured against finer ones, is"
     if witness.useless and witness.law_db > USELESS_DB:
         text = f"{measured} {witness.error_db:.1f} dB: the image is not usable; set a smaller ray_spacing"
         warnings.warn(text, SarmitsubaWarning, stacklevel=4)

@@ -29,7 +29,7 @@ from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
 from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, Tracer
 from sarmitsuba.simulation.planning.pilot import plan_in
-from sarmitsuba.simulation.planning.prediction.counting import WITNESS_LEAST, WITNESS_SHARE
+from sarmitsuba.simulation.planning.prediction.counting import WITNESS_SHARE
 from sarmitsuba.simulation.planning.sampling.rays import Rays
 
 # rays that take as long as what a launch takes whatever its rays: recording, grid, synthesis
@@ -83,8 +83,7 @@ class Allowance:
         total = float(statistics.rays + statistics.contributions)
         each = max(total / max(statistics.key_pulses, 1), 1.0)
         wanted = subsets > 1
-        allowed = max(WITNESS_SHARE * total, WITNESS_LEAST if wanted else 0.0)
-        return Allowance(each, subsets, allowed, int(wanted or total >= SHORT))
+        return Allowance(each, subsets, WITNESS_SHARE * total, int(wanted or total >= SHORT))
 
     def samples(self, each: float) -> int:
         """Number of samples that may be taken at a price of ``each`` rays."""

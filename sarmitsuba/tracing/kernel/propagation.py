@@ -78,7 +78,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     spacing, needs, serves, level_weight = _level(grid, ray)
     edge_a, edge_b = _lattice_edges(spacing, constants.turn, axis_x, axis_y, d)
     inverse_start = f32(1.0 / distance)
-    weight = level_weight * _launch_weight(kernel, gx, gy)
+    weight = _launch_weight(kernel, gx, gy)
     beams = beam_patterns(kernel, antenna, pulse, d if flags.multi_bounce else None)
     if beams is not None:
         weight *= beams[0].one_way(d)
@@ -101,6 +101,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         nudge=dr.normalize(edge_a) * dr.opaque(f32, NUDGE * kernel.scene.extent),
         needs=needs,
         serves=serves,
+        weight=level_weight,
         pattern=None if beams is None else beams[1],
         time=None if pulses.time is None else dr.gather(f64, device_array(f64, pulses.time), pulse),
     )
@@ -329,8 +330,8 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> TubeFootpr
     if kernel.scene.piece_table is not None:
         patch = tube.patch(tube.limit_extent(ray.extent, _edges(kernel.scene.piece_table, hit), point, u, v))
     area = lane.tube_area * dr.square(growth) / hit.cos_incidence
-    loss = kernel.constants.spreading_loss(hit.length, hit.length_back)
-    loss_reciprocal = kernel.constants.spreading_loss(hit.length, hit.length)
+    loss = lane.weight * kernel.constants.spreading_loss(hit.length, hit.length_back)
+    loss_reciprocal = lane.weight * kernel.constants.spreading_loss(hit.length, hit.length)
     lost = None
     if ray.spread is not None:
         # a tube keeps its power: a wider tube has less field over more area

@@ -211,6 +211,7 @@ class Lane:
     nudge : m, displacement of a ray that missed at a vertex, for a second try
     needs : m, lower and upper bound of the ray spacing needed by the faces that this ray samples
     serves : whether the ray gives echoes of its first hit, and of later ones
+    weight : factor on the amplitudes of its echoes
     pattern : of the receiving antenna, None for an isotropic one
     time : s, float64, of the pulse, where the kernel depends on it; None: everything is as at time zero
     derivative : values for the derivatives along its path; None without parameters
@@ -228,6 +229,7 @@ class Lane:
     nudge: mi.Vector3f
     needs: tuple[mi.Float, mi.Float]
     serves: tuple[mi.Bool, mi.Bool]
+    weight: mi.Float
     pattern: BeamPattern | None
     time: mi.Float64 | None = None
     derivative: LaneDerivative | None = None
@@ -410,7 +412,7 @@ class TubeFootprint:
     patch : area of its diffuse return, as a quadrilateral
     bounds : of the area of its coherent return, exact up to the facet's corners
     area : m^2, of the whole footprint
-    loss, loss_reciprocal : 1/m^2, spreading loss of the straight and of the reciprocal return path
+    loss, loss_reciprocal : 1/m^2, spreading loss of the straight and of the reciprocal return path, times the weight
     lost : lanes whose tube was spread by curved mirrors beyond ``WIDEST_SPREAD``; None without curved mirrors
     """
 

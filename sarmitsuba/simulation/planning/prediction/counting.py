@@ -62,9 +62,9 @@ SETUP, FIRST_FOCUS, POINT_PULSE = 0.07, 0.04, 1e-7
 NOISE_SAMPLE = 8e-8
 # seconds of the first finer lattice of a process over those of the next
 FIRST_LAID = 0.2
-# share of a run's rays and contributions that one witness may take, and rays that it may take in short runs where error
-# bars are wanted; a run has three (sarmitsuba.simulation.execution.witnesses)
-WITNESS_SHARE, WITNESS_LEAST, WITNESSES = 0.016, 2e5, 3
+# share of a run's rays and contributions that one witness may take, and rays that the one of the rays may take in short
+# runs; a run has three (sarmitsuba.simulation.execution.witnesses)
+WITNESS_SHARE, WITNESS_LEAST, WITNESSES = 0.016, 3e5, 3
 # seconds for the scattering table of a rough material at another frequency
 TABLES = 0.04
 
@@ -338,7 +338,7 @@ def _count_raw(
 
 def _witness_seconds(trace: float, subsets: int) -> float:
     """Seconds of the witnesses of a run whose tracing takes so long."""
-    return WITNESSES * max(WITNESS_SHARE * trace, WITNESS_LEAST * USUAL_CORE.ray * (subsets > 1))
+    return max(WITNESSES * WITNESS_SHARE * trace, WITNESS_LEAST * USUAL_CORE.ray * (subsets > 1))
 
 
 def default_focuser(radar: Radar, grid: ImageGrid, exact: bool) -> Focuser:

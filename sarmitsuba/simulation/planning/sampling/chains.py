@@ -188,13 +188,17 @@ def exchange_rays(grid: LaunchGrid, draws: Mapping[int, Draw]) -> LaunchGrid:
     """
     finer: dict[Serves, list[_Cells]] = {"all": [], "first": [], "later": []}
     drawn: dict[Serves, list[_Cells]] = {"all": [], "first": [], "later": []}
-    for cells in _roots(grid):
-        draw = draws.get(cells.level)
-        if draw is None:
-            continue
+    levels = grid.every_level
+    ends = [*(level.first for level in levels[1:]), grid.n_rays]
+    for k, draw in draws.items():
+        level = levels[k]
         # neighbours in memory are near in space
-        some = cells.of((np.arange(cells.n) + draw.shift) // draw.run % draw.step == draw.first)
-        serves: Serves = "later" if draw.only_later else grid.every_level[cells.level].serves
+        runs = np.arange(draw.first, (ends[k] - level.first + draw.shift) // draw.run + 1, draw.step)
+        rows = (runs[:, None] * draw.run + np.arange(draw.run) - draw.shift).ravel()
+        rows = level.first + rows[(rows >= 0) & (rows < ends[k] - level.first)]
+        xy = np.stack([grid.x[rows], grid.y[rows]], axis=1).astype(np.float64)
+        some = _Cells(xy, np.zeros(xy.shape, dtype=np.int64), k, 0, level.spacing, level.needs)
+        serves: Serves = "later" if draw.only_later else level.serves
         drawn[serves].append(some)
         finer[serves].append(some.parts(draw.halvings, grid.turn))
     if not any(cells.n for every in drawn.values() for cells in every):
