@@ -194,7 +194,9 @@ IMAGES: dict[str, Callable[[Path, SarImage], Place]] = {
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_point_is_at_its_place_in_every_image_format(seed: int, tmp_path: Path) -> None:
     _, image, truth = drawn(seed)
-    formats = [entry for entry in FORMATS if entry.write_image and entry.name in FORMATS.own_names]
+    # a product of Sentinel-1 holds images from orbit alone: tests/files/test_safe.py
+    own = set(FORMATS.own_names) - {"safe"}
+    formats = [entry for entry in FORMATS if entry.write_image and entry.name in own]
     assert {entry.name for entry in formats} == set(IMAGES)  # a new format needs a reader here
     for entry in formats:
         path = tmp_path / f"point{entry.suffixes[0]}"
