@@ -18,7 +18,8 @@ from sarmitsuba.core.errors import BackendError
 from sarmitsuba.machine.exclusive import backend_lock
 from sarmitsuba.scene.scene import Scene, SceneLike
 
-__all__ = ["jax_function", "torch_function"]
+# tensors, arrays and modules of a framework that may not be installed
+Foreign = Any
 
 
 class _Model:
@@ -49,7 +50,9 @@ class _Model:
         return product
 
 
-def torch_function(scene: SceneLike, parameters: Parameters, *, edges: bool = True) -> Callable[[Any], Any]:
+def torch_function(
+    scene: SceneLike, parameters: Parameters, *, edges: bool = True
+) -> Callable[[Foreign], Foreign]:
     """Raw data of a scene as a function of a PyTorch tensor of parameter values, with its derivative.
 
     Parameters
@@ -79,7 +82,7 @@ def torch_function(scene: SceneLike, parameters: Parameters, *, edges: bool = Tr
         """Raw data, and the transpose of their derivative."""
 
         @staticmethod
-        def forward(context: Any, values: Any) -> Any:
+        def forward(context: Foreign, values: Foreign) -> Foreign:
             model.check_shape(tuple(values.shape))
             context.save_for_backward(values)
             data = torch.from_numpy(model.data(values.detach().cpu().double().numpy()))
@@ -87,21 +90,23 @@ def torch_function(scene: SceneLike, parameters: Parameters, *, edges: bool = Tr
             return data.to(device=values.device, dtype=kind)
 
         @staticmethod
-        def backward(context: Any, adjoint: Any) -> Any:
+        def backward(context: Foreign, adjoint: Foreign) -> Foreign:
             (values,) = context.saved_tensors
             found = model.pull_back(
                 values.detach().cpu().double().numpy(), adjoint.detach().cpu().resolve_conj().numpy()
             )
             return torch.from_numpy(found).to(device=values.device, dtype=values.dtype)
 
-    def raw_data(values: Any) -> Any:
+    def raw_data(values: Foreign) -> Foreign:
         """Raw data at values."""
         return RawDataOf.apply(values)
 
     return raw_data
 
 
-def jax_function(scene: SceneLike, parameters: Parameters, *, edges: bool = True) -> Callable[[Any], Any]:
+def jax_function(
+    scene: SceneLike, parameters: Parameters, *, edges: bool = True
+) -> Callable[[Foreign], Foreign]:
     """Raw data of a scene as a function of a JAX array of parameter values, with its derivative.
 
     Parameters, returns and notes as for :func:`torch_function`. It may be part of a function under ``jax.jit`` and
@@ -115,33 +120,33 @@ def jax_function(scene: SceneLike, parameters: Parameters, *, edges: bool = True
     jax = _framework("jax", "JAX")
     model = _Model(scene, parameters, edges)
 
-    def call(values: Any) -> Any:
+    def call(values: Foreign) -> Foreign:
         model.check_shape(tuple(values.shape))
         kind = np.complex128 if values.dtype == np.float64 else np.complex64
         shape = jax.ShapeDtypeStruct(model.model.shape, kind)
         return jax.pure_callback(lambda v: model.data(np.asarray(v)).astype(kind), shape, values)
 
-    def keep(values: Any) -> tuple[Any, Any]:
+    def keep(values: Foreign) -> tuple[Foreign, Foreign]:
         return call(values), values
 
-    def pull_back(values: Any, cotangent: Any) -> tuple[Any]:
-        def product(v: Any, c: Any) -> Any:  # JAX's cotangent is dL/dRe - j dL/dIm
+    def pull_back(values: Foreign, cotangent: Foreign) -> tuple[Foreign]:
+        def product(v: Foreign, c: Foreign) -> Foreign:  # JAX's cotangent is dL/dRe - j dL/dIm
             return model.pull_back(np.asarray(v), np.conj(np.asarray(c))).astype(values.dtype)
 
         shape = jax.ShapeDtypeStruct(values.shape, values.dtype)
         return (jax.pure_callback(product, shape, values, cotangent),)
 
-    raw_data: Any = jax.custom_vjp(call)
+    raw_data: Foreign = jax.custom_vjp(call)
     raw_data.defvjp(keep, pull_back)
 
-    def function(values: Any) -> Any:
+    def function(values: Foreign) -> Foreign:
         """Raw data at values."""
         return raw_data(values)
 
     return function
 
 
-def _framework(name: str, title: str) -> Any:
+def _framework(name: str, title: str) -> Foreign:
     """Imported module of a framework.
 
     Raises
