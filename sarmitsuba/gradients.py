@@ -18,7 +18,7 @@ from sarmitsuba.core.errors import BackendError
 from sarmitsuba.machine.exclusive import backend_lock
 from sarmitsuba.scene.scene import Scene, SceneLike
 
-# tensors and contexts of PyTorch, arrays of JAX
+# tensors, arrays and modules of a framework that may not be installed
 Foreign = Any
 
 

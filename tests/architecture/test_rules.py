@@ -27,7 +27,7 @@ ANY = {
     "simulation": 6,
     "signal": 8,  # metadata of raw data and images, JSON
     "extend": 1,  # a name on first use (PEP 562)
-    "gradients": 1,  # tensors of frameworks that need not be installed
+    "gradients": 1,  # tensors and arrays of PyTorch and JAX
     "": 1,  # likewise
 }
 
