@@ -240,7 +240,9 @@ def gridding(seed: int) -> Iterator[Row]:
     scene, case = draw(seed, MOST_EVERY, every=True)
     width = int(rng.integers(2, 9))
     scene = Run(scene).at(COARSE).scene
-    scene = harness.with_settings(scene.replace(wideband="off", max_depth=3), gridding_width=width)
+    scene = harness.with_settings(
+        scene.replace(wideband="off", max_depth=3), gridding_width=width, keep_subsets=False
+    )
     n = scene.radar.track.n_pulses
     for method in ("raw", "hybrid"):
         some = harness.with_settings(scene, method=method, key_pulse_interval=0 if method == "raw" else 16)
