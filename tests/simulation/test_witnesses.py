@@ -159,6 +159,7 @@ def test_the_error_of_a_midpoint_rule_is_found_from_a_few_of_its_rays(waves: int
     assert np.mean(levels[:, 1] > true - 0.8) >= 0.9  # the confidence that it states
 
 
+@pytest.mark.slow
 def test_echoes_are_proportional_to_the_weight_of_their_rays() -> None:
     """Also those that go back along their own chain of mirrors, whose field passes it twice."""
     run = Run(scene_of("tower", keep_subsets=False))
