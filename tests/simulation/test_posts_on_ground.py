@@ -92,3 +92,17 @@ def test_halved_lattices_tile_the_same_area() -> None:
         assert part.every_level[0].weight == 3.0
     # tol: float32 coordinates
     np.testing.assert_allclose([finer.x.mean(), finer.y.mean()], [grid.x.mean(), grid.y.mean()], atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rays_exchanged_all_together_cover_the_window_up_to_its_rim(seed: int) -> None:
+    """A lone body fills a window without a taper: cells beside the last ones hold a part of it, and no ray."""
+    grid = lattice(0.5, 0.7, 0.03, seed=seed)
+    found = exchange_rays(grid, {0: Draw(1, 0, 64, 3, 1.0)})
+    fine, coarse = found.every_level
+    n_coarse = grid.n_rays
+    area = (found.n_rays - n_coarse) * fine.spacing**2
+    assert (fine.weight, coarse.weight) == (1.0, -1.0)
+    # tol: cells of 3.75 mm cut by a rim of 4.8 m, at random
+    assert area == pytest.approx(1.4, rel=1e-3)
+    assert (np.abs(found.x) <= 0.5).all()

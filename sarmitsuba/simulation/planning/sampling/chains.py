@@ -200,7 +200,11 @@ def exchange_rays(grid: LaunchGrid, draws: Mapping[int, Draw]) -> LaunchGrid:
         some = _Cells(xy, np.zeros(xy.shape, dtype=np.int64), k, 0, level.spacing, level.needs)
         serves: Serves = "later" if draw.only_later else level.serves
         drawn[serves].append(some)
-        finer[serves].append(some.parts(draw.halvings, grid.turn))
+        if draw.step > 1 or grid.taper:
+            finer[serves].append(some.parts(draw.halvings, grid.turn))
+        else:
+            every = (some, _find_rim(grid, some))
+            finer[serves] += [cells.parts(draw.halvings, grid.turn).inside(grid) for cells in every]
     if not any(cells.n for every in drawn.values() for cells in every):
         return replace(grid, x=grid.x[:0], y=grid.y[:0], levels=())
     more, less = (
@@ -210,6 +214,21 @@ def exchange_rays(grid: LaunchGrid, draws: Mapping[int, Draw]) -> LaunchGrid:
     return replace(
         grid, x=np.append(more.x, less.x), y=np.append(more.y, less.y), levels=(*more.levels, *moved)
     )
+
+
+def _find_rim(grid: LaunchGrid, cells: _Cells) -> _Cells:
+    """Cells beside those given whose middles lie outside the window, where no ray starts: parts of them lie inside.
+
+    Without a taper the window ends with the lit body: parts of the cells at its rim miss the body, and those of the
+    cells beside them hit it.
+    """
+    c, s = np.cos(grid.turn), np.sin(grid.turn)
+    axes = cells.spacing * np.array([[c, s], [-s, c]])
+    places = np.rint((cells.xy - cells.xy[:1]) @ np.linalg.inv(axes)).astype(np.int64)
+    around = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij"), axis=-1).reshape(-1, 2)
+    every = np.unique((places[:, None] + around).reshape(-1, 2), axis=0)
+    beside = replace(cells, xy=cells.xy[:1] + every @ axes, ij=np.zeros(every.shape, dtype=np.int64))
+    return beside.of(~beside.are_inside(grid))
 
 
 def _weigh_levels(grid: LaunchGrid, draws: Mapping[int, Draw], sign: float) -> LaunchGrid:
@@ -250,6 +269,15 @@ class _Cells:
     def of(self, kept: NDArray[np.bool_]) -> _Cells:
         """Some of the cells."""
         return replace(self, xy=self.xy[kept], ij=self.ij[kept])
+
+    def are_inside(self, grid: LaunchGrid) -> NDArray[np.bool_]:
+        """Whether the middle (n,) of each cell lies in the window of a lattice."""
+        half = np.array([grid.half_x, grid.half_y]) + grid.taper
+        return np.asarray((np.abs(self.xy) <= half).all(axis=1))
+
+    def inside(self, grid: LaunchGrid) -> _Cells:
+        """The cells whose middles lie in the window of a lattice."""
+        return self.of(self.are_inside(grid))
 
     def parts(self, steps: int, turn: float) -> _Cells:
         """Parts of all cells, halved ``steps`` times along both axes, cell by cell."""
