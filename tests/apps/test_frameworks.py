@@ -70,6 +70,7 @@ def test_without_the_framework_one_line_says_so(
         make("tower", "levels")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["float32", "float64"])
 def test_jax_gives_the_gradient_of_a_loss_written_in_jax(scene: Scene, weight: float, kind: str) -> None:
     jax = pytest.importorskip("jax")

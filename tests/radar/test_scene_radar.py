@@ -252,7 +252,12 @@ def test_huge_geometry_gets_a_bounded_image() -> None:
 def test_every_mode_holds_the_beam_on_the_aim_point_at_mid_aperture() -> None:
     assert set(MODES.names) >= {"stripmap", "spotlight"}
     for mode in MODES:
-        squint = {"squint_angle_deg": 12.0, "prf": 200.0} if mode.squints else {"arc_deg": 0.1}
+        others = {
+            "circular": {"arc_deg": 0.1},
+            "scansar": {"prf": 200.0},
+            "tops": {"prf": 200.0, "steering_rate_deg": 1.0, **BEAM},
+        }
+        squint = others.get(mode.name, {"squint_angle_deg": 12.0, "prf": 200.0})
         radar, _, _ = build(mode=mode.name, n_pulses=33, **squint)
         assert radar.mode_law is mode and mode.doc
         sight = -radar.track.center_position / np.linalg.norm(radar.track.center_position)

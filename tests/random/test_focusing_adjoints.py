@@ -132,6 +132,8 @@ def operator_or_refusal(raw: RawData, grid: ImageGrid, name: str, **options: Any
     try:
         return focusing_operator(raw, grid, focuser=name + BOUNDS * bounded, **options)
     except DataError as error:
+        if "states no adjoint" in str(error):  # of turning beams in the frequency domain
+            return str(error)
         with pytest.raises(DataError):
             focus(raw, grid, focuser=name + BOUNDS * bounded, **options)
         return str(error)

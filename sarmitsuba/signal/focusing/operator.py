@@ -18,6 +18,8 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.signal.focusing.autofocus import parse_autofocus
 from sarmitsuba.signal.focusing.focus import prepare, raw_data
 from sarmitsuba.signal.focusing.focuser import DEFAULT, Focuser, FocusTask
+from sarmitsuba.signal.focusing.frequency_domain.row_costs import RowsFocuser
+from sarmitsuba.signal.focusing.frequency_domain.turning import turns
 from sarmitsuba.signal.focusing.motion_compensation import MotionCompensation
 from sarmitsuba.signal.focusing.range_compression import RangeCompression
 from sarmitsuba.signal.focusing.windows import Window
@@ -132,7 +134,8 @@ def focusing_operator(
     Raises
     ------
     DataError
-        Data that :func:`sarmitsuba.focus` refuses, an autofocuser, or a focuser that states no adjoint.
+        Data that :func:`sarmitsuba.focus` refuses, an autofocuser, or a focuser that states no adjoint: those in the
+        frequency domain for beams that turn and from orbit. ``auto`` is backprojection there.
 
     Notes
     -----
@@ -158,6 +161,23 @@ def focusing_operator(
         moved = MotionCompensation(chain.compensation[0])
         shape, radar = (shape[0], radar.track.n_pulses, moved.radar.window.n_samples), moved.radar
         steps.append(moved)
+    if isinstance(chain.focuser, RowsFocuser) and turns(radar):
+        if str(focuser).partition(",")[0] != DEFAULT:
+            raise DataError(
+                f"focusing operator: {chain.focuser.name} filters the echoes of a beam that turns, or of an orbit, for "
+                "each pixel, and states no adjoint of that; take focuser backprojection or factorised"
+            )
+        return focusing_operator(
+            raw,
+            grid,
+            request=request,
+            focuser="backprojection",
+            range_window=range_window,
+            azimuth_window=azimuth_window,
+            compression=compression,
+            motion_compensation=motion_compensation,
+            progress=progress,
+        )
     # the geometry alone: the operator keeps no data
     bare = replace(chain.raw, data=np.broadcast_to(np.complex64(0.0), shape), radar=radar)
     steps.append(chain.focuser.imaging(FocusTask(bare, chain.grid, *chain.windows, progress)))
