@@ -78,6 +78,8 @@ def witness_rays(
     if not lattices or not counted.any():
         return None
     plan = _Plan.of(lattices, wavelength, cell, max(allowed, LEAST_TRACED))
+    if not plan.whole and not plan.drawn:  # all are finer than any error
+        return None
     change = _Change(profiles, lattices, plan, np.random.default_rng([seed & 0x7FFFFFFF, 0x3A75]))
     while True:
         levels = (db_from_power(float((x[counted] / energy[counted]).max())) for x in change.measure())

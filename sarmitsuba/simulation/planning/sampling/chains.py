@@ -200,11 +200,13 @@ def exchange_rays(grid: LaunchGrid, draws: Mapping[int, Draw]) -> LaunchGrid:
         some = _Cells(xy, np.zeros(xy.shape, dtype=np.int64), k, 0, level.spacing, level.needs)
         serves: Serves = "later" if draw.only_later else level.serves
         drawn[serves].append(some)
-        if draw.step > 1 or grid.taper:
-            finer[serves].append(some.parts(draw.halvings, grid.turn))
-        else:
-            every = (some, _find_rim(grid, some))
-            finer[serves] += [cells.parts(draw.halvings, grid.turn).inside(grid) for cells in every]
+        parts = [some.parts(draw.halvings, grid.turn)]
+        if draw.step == 1 and not grid.taper:
+            parts.append(_find_rim(grid, some).parts(draw.halvings, grid.turn))
+            inside = [cells.inside(grid) for cells in parts]
+            # none in a window smaller than a cell, which has one ray
+            parts = inside if any(cells.n for cells in inside) else parts[:1]
+        finer[serves] += parts
     if not any(cells.n for every in drawn.values() for cells in every):
         return replace(grid, x=grid.x[:0], y=grid.y[:0], levels=())
     more, less = (
