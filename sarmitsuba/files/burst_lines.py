@@ -16,11 +16,11 @@ import numpy as np
 import scipy
 
 from sarmitsuba.core.arrays import C64, F64
-from sarmitsuba.core.constants import EARTH_GRAVITY, EARTH_ROTATION
+from sarmitsuba.core.constants import EARTH_GRAVITY
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.collection import Collection, Flight
 from sarmitsuba.radar.geodesy import Anchor
-from sarmitsuba.radar.orbit import StateVectors
+from sarmitsuba.radar.orbit import EARTH_SPIN, StateVectors, earth_fixed_states
 from sarmitsuba.signal.image import SarImage
 from sarmitsuba.signal.surface import Surface, chebyshev_nodes
 
@@ -29,7 +29,6 @@ _REACH = 20.0
 # nodes along an axis of the polynomials, and pixels by which they may miss a node
 _NODES, _MISS = 25, 1e-3
 _STEPS = 6
-_TURN = np.array([0.0, 0.0, EARTH_ROTATION])
 # lines of no data on either side of a burst, which readers cut off (sarsen: 90)
 GUARD = 100
 
@@ -60,7 +59,7 @@ def extend_orbit(flight: Flight, anchor: Anchor) -> StateVectors:
         x, v = state[:3], state[3:]
         return np.concatenate([v, -EARTH_GRAVITY * x / np.linalg.norm(x) ** 3])
 
-    start = np.concatenate([position[1], velocity + np.cross(_TURN, position[1])])
+    start = np.concatenate([position[1], velocity + np.cross(EARTH_SPIN, position[1])])
     legs = [
         scipy.integrate.solve_ivp(
             motion, (0.0, end), start, method="DOP853", rtol=1e-12, atol=1e-5, dense_output=True
@@ -70,20 +69,7 @@ def extend_orbit(flight: Flight, anchor: Anchor) -> StateVectors:
 
     def states(time: F64) -> tuple[F64, F64]:
         inertial = np.array([legs[int(t < 0.0)](t) for t in time])
-        angle = EARTH_ROTATION * time
-        turn = np.moveaxis(
-            np.array(
-                [
-                    [np.cos(angle), np.sin(angle), 0.0 * angle],
-                    [-np.sin(angle), np.cos(angle), 0.0 * angle],
-                    [0.0 * angle, 0.0 * angle, 1.0 + 0.0 * angle],
-                ]
-            ),
-            2,
-            0,
-        )
-        x, v = (np.einsum("nij,nj->ni", turn, part) for part in (inertial[:, :3], inertial[:, 3:]))
-        return x, v - np.cross(_TURN, x)
+        return earth_fixed_states(inertial[:, :3], inertial[:, 3:], time)
 
     ends, _ = states(np.array([-half, half]))
     beside = (position[[0, 2]] - ends).sum(axis=0) / half**2

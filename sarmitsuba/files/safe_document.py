@@ -12,11 +12,11 @@ from sarmitsuba.core.constants import (
     EARTH_FLATTENING,
     EARTH_GRAVITY,
     EARTH_RADIUS,
-    EARTH_ROTATION,
     SPEED_OF_LIGHT,
 )
 from sarmitsuba.files.burst_lines import BurstMap, Lattice
 from sarmitsuba.radar.collection import Signal
+from sarmitsuba.radar.orbit import EARTH_SPIN
 from sarmitsuba.radar.radar import Burst
 from sarmitsuba.radar.utc import utc_after
 from sarmitsuba.version import __version__
@@ -156,7 +156,7 @@ class Product:
     def ascending_node(self) -> float:
         """Time of the last northward crossing of the equator, s, of a circular orbit through the middle."""
         x, v = (part[0] for part in self.maps[0].orbit.at(np.array([self.maps[0].middle])))
-        v = v + np.cross([0.0, 0.0, EARTH_ROTATION], x)
+        v = v + np.cross(EARTH_SPIN, x)
         normal = np.cross(x, v)
         node = np.array([-normal[1], normal[0], 0.0])
         node /= np.linalg.norm(node)

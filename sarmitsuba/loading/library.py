@@ -121,5 +121,4 @@ def _resolve(name_or_path: str | Path, folder: Path, what: str) -> Path:
         raise SceneError(
             f"{text}: no such file, and no shipped {what} of that name{guess}; shipped: {', '.join(names)}"
         )
-    missing = describe_missing(path) if os.path.islink(path) else f"no such {what} file{name_hint(path)}"
-    raise SceneError(f"{text}: {missing}; check the path")
+    raise SceneError(f"{text}: {describe_missing(path, f'no such {what} file')}; check the path")

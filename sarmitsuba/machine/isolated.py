@@ -50,9 +50,8 @@ def survive(source: Path | int, read: Callable[[], object]) -> None:
     with backend_lock(), warnings.catch_warnings():
         # Python 3.12 warns of forking beside threads: the child uses none, and takes no lock of theirs
         warnings.simplefilter("ignore", DeprecationWarning)
-        warnings.filterwarnings(
-            "ignore", r"os\.fork\(\) was called", RuntimeWarning
-        )  # by JAX, where it is loaded
+        # so does JAX, where it is loaded
+        warnings.filterwarnings("ignore", r"os\.fork\(\) was called", RuntimeWarning)
         try:
             child = fork_for_trial()
         except OSError as error:  # a limit of processes, or no memory for one

@@ -135,11 +135,11 @@ def check_unpacked(claimed: int, size: int, most: int | None = None) -> None:
         )
 
 
-def describe_missing(path: Path | str) -> str:
-    """Why a path does not exist, for an error message: it is not there, or is a link whose target is not."""
+def describe_missing(path: Path | str, missing: str = "no such file or folder") -> str:
+    """Why a path does not exist, for an error message: it is ``missing``, or is a link whose target is."""
     if os.path.islink(path):
         return "is a link to a file that does not exist"
-    return f"no such file or folder{name_hint(Path(path))}"
+    return f"{missing}{name_hint(Path(path))}"
 
 
 def is_inside(name: str | Path, folder: Path) -> bool:

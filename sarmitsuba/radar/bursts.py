@@ -36,7 +36,7 @@ from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.doppler import beam_doppler, doppler_history
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
-from sarmitsuba.radar.mode import MODES, AimGeometry, FlightPath, TrackAxes, right_of
+from sarmitsuba.radar.mode import MODES, AimGeometry, FlightPath, RadarMode, TrackAxes, right_of
 from sarmitsuba.radar.radar import Burst, Radar
 from sarmitsuba.radar.track import Track, zero_doppler_delay
 
@@ -368,31 +368,37 @@ def _read_number(text: str, where: str) -> int:
         ) from None
 
 
-def steer_beam(
-    track: Track, axes: TrackAxes, geometry: AimGeometry, values: Mapping[str, Value], rate: float
-) -> F64:
-    r"""Beam turned forward at a steady rate about the middle of a burst, (n_pulses, 3) unit vectors.
+class BurstMode(RadarMode):
+    """Mode whose pulses come in bursts: the beam is steady in elevation, and may turn forward in azimuth.
 
-    .. math:: b = \sin(\dot\psi t) \, a + \cos(\dot\psi t) \, e
-
-    with the direction of flight a and the beam's middle e square to it.
-
-    Parameters
-    ----------
-    track, axes : of the burst's pulses
-    geometry : gives e where ``values`` have no ``beam_angle``
-    rate : rad/s; 0 for a beam at rest
+    ``STEERING`` among the mode's parameters is the rate at which it turns.
     """
-    middle = 0.5 * (track.time[0] + track.time[-1])
-    if BEAM in values:
-        angle = float(values[BEAM])
-    else:
-        i = track.center_index
-        sine, cosine = (float(geometry.line_of_sight @ axis[i]) for axis in (axes.over, axes.right))
-        angle = float(np.arctan2(sine, cosine))
-    turn = (rate * (track.time - middle))[:, None]
-    side = np.cos(angle) * axes.right + np.sin(angle) * axes.over
-    return unit_rows(np.sin(turn) * axes.forward + np.cos(turn) * side)
+
+    own_apertures = True
+    squints = False
+    bursts = True
+
+    def boresight(
+        self, track: Track, axes: TrackAxes, geometry: AimGeometry, values: Mapping[str, Value]
+    ) -> F64:
+        r"""Beam turned forward at a steady rate about the middle of a burst, (n_pulses, 3) unit vectors.
+
+        .. math:: b = \sin(\dot\psi t) \, a + \cos(\dot\psi t) \, e
+
+        with the direction of flight a and the beam's middle e square to it, which ``geometry`` gives where ``values``
+        have no ``beam_angle``.
+        """
+        rate = float(np.radians(float(values.get(STEERING, 0.0))))
+        middle = 0.5 * (track.time[0] + track.time[-1])
+        if BEAM in values:
+            angle = float(values[BEAM])
+        else:
+            i = track.center_index
+            sine, cosine = (float(geometry.line_of_sight @ axis[i]) for axis in (axes.over, axes.right))
+            angle = float(np.arctan2(sine, cosine))
+        turn = (rate * (track.time - middle))[:, None]
+        side = np.cos(angle) * axes.right + np.sin(angle) * axes.over
+        return unit_rows(np.sin(turn) * axes.forward + np.cos(turn) * side)
 
 
 def bursts_in_sight(given: RadarInput | None, radar: Radar, image: ImageRequest) -> tuple[int, ...]:

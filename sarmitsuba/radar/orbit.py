@@ -284,9 +284,10 @@ def _document(data: bytes, path: Path) -> ElementTree.Element:
     return ElementTree.fromstring(data)
 
 
+# rad/s, ECEF
+EARTH_SPIN = np.array([0.0, 0.0, EARTH_ROTATION])
 # directions from the aim point sampled to bracket roots
 _DIRECTIONS = 720
-_ROTATION = np.array([0.0, 0.0, EARTH_ROTATION])
 _OF_ORBIT = ("orbit_inclination_deg", "orbit_pass", "incidence_angle_deg")
 _REPLACED = ("slant_range", "look_angle_deg", "heading_deg", "speed")
 
@@ -319,10 +320,14 @@ class CircularOrbit(FlightPath):
         cosine, sine = np.cos(rate * time)[:, None], np.sin(rate * time)[:, None]
         position = cosine * self.position + sine / rate * self.velocity
         velocity = cosine * self.velocity - rate * sine * self.position
-        velocity = velocity - np.cross(_ROTATION, position)
-        turned = (_earth_fixed(each, time) for each in (position, velocity))
-        position, velocity = turned
+        position, velocity = earth_fixed_states(position, velocity, time)
         return self.anchor.from_ecef(position) - self.offset, np.asarray(velocity @ self.anchor.axes.T)
+
+
+def earth_fixed_states(position: F64, velocity: F64, time: F64) -> tuple[F64, F64]:
+    """Positions and velocities (n, 3), ECEF, at (n,) times, s, from inertial ones in the ECEF axes of time zero."""
+    velocity = velocity - np.cross(EARTH_SPIN, position)
+    return _earth_fixed(position, time), _earth_fixed(velocity, time)
 
 
 def _earth_fixed(vectors: F64, time: F64) -> F64:
@@ -408,7 +413,7 @@ class _Candidates:
     def miss(self, azimuth: F64) -> F64:
         """(n,) float64; sine of the line of sight along the Earth-fixed velocity minus that of the wanted squint."""
         position, velocity = self.states(azimuth)
-        fixed = velocity - np.cross(_ROTATION, position)
+        fixed = velocity - np.cross(EARTH_SPIN, position)
         line = self.anchor.to_ecef(self.aim) - position
         size = np.linalg.norm(fixed, axis=1) * np.linalg.norm(line, axis=1)
         return np.asarray(np.einsum("ij,ij->i", fixed, line) / size - np.sin(self.wanted.squint_angle))

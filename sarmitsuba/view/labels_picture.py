@@ -108,7 +108,7 @@ def _colour(layer: str, place: int, code: int) -> tuple[float, float, float]:
 def write_mask(path: Path | str, labels: Labels, layer: str) -> None:
     """Write a layer of codes as a PNG of one pixel for each of the image.
 
-    Codes up to 255 are the pixels of a palette, whose colours are those of :func:`draw_labels`; larger ones are grey
+    Codes up to 255 are the pixels of a palette, whose colours are those of :func:`labels_figure`; larger ones are grey
     values of 16 bits. Rows are azimuth, the earliest on top; columns are range, the nearest on the left.
 
     Raises

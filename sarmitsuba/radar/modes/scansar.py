@@ -1,15 +1,10 @@
 """ScanSAR: bursts of one sub-swath after the other, the beam stepped in elevation and at rest in azimuth."""
 
-from collections.abc import Mapping
-
-from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.parameters import Value
-from sarmitsuba.radar.bursts import PARAMETERS, steer_beam
-from sarmitsuba.radar.mode import MODES, AimGeometry, RadarMode, TrackAxes
-from sarmitsuba.radar.track import Track
+from sarmitsuba.radar.bursts import PARAMETERS, BurstMode
+from sarmitsuba.radar.mode import MODES
 
 
-class ScanSar(RadarMode):
+class ScanSar(BurstMode):
     r"""Beam fixed to the antenna during a burst, at the elevation of its sub-swath.
 
     All pulses of a burst of the length :math:`T_B` serve every pixel: the azimuth cell is that of their track,
@@ -25,15 +20,6 @@ class ScanSar(RadarMode):
     name = "scansar"
     doc = "bursts of each sub-swath in turn, beam stepped in elevation"
     parameters = PARAMETERS
-    own_apertures = True
-    squints = False
-    bursts = True
-
-    def boresight(
-        self, track: Track, axes: TrackAxes, geometry: AimGeometry, values: Mapping[str, Value]
-    ) -> F64:
-        """Return the direction square to the flight at the elevation of the sub-swath."""
-        return steer_beam(track, axes, geometry, values, 0.0)
 
 
 MODES.register(ScanSar())

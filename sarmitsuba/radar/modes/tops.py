@@ -1,17 +1,11 @@
 """TOPS: bursts of one sub-swath after the other, in each of which the beam turns forward."""
 
-from collections.abc import Mapping
-
-import numpy as np
-
-from sarmitsuba.core.arrays import F64
-from sarmitsuba.core.parameters import Param, Value
-from sarmitsuba.radar.bursts import PARAMETERS, STEERING, steer_beam
-from sarmitsuba.radar.mode import MODES, AimGeometry, RadarMode, TrackAxes
-from sarmitsuba.radar.track import Track
+from sarmitsuba.core.parameters import Param
+from sarmitsuba.radar.bursts import PARAMETERS, STEERING, BurstMode
+from sarmitsuba.radar.mode import MODES
 
 
-class Tops(RadarMode):
+class Tops(BurstMode):
     r"""Terrain observation by progressive scans: the beam turns forward at a steady rate during a burst.
 
     Its footprint moves :math:`1 + k_s / |k_a|` times as fast as in stripmap, so that every place is seen by the whole
@@ -47,15 +41,6 @@ class Tops(RadarMode):
         ),
     )
     instantaneous_doppler = True
-    own_apertures = True
-    squints = False
-    bursts = True
-
-    def boresight(
-        self, track: Track, axes: TrackAxes, geometry: AimGeometry, values: Mapping[str, Value]
-    ) -> F64:
-        """Return the direction that turns about the middle of the track."""
-        return steer_beam(track, axes, geometry, values, float(np.radians(float(values[STEERING]))))
 
 
 MODES.register(Tops())

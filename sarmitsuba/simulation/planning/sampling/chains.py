@@ -224,13 +224,18 @@ def _find_rim(grid: LaunchGrid, cells: _Cells) -> _Cells:
     Without a taper the window ends with the lit body: parts of the cells at its rim miss the body, and those of the
     cells beside them hit it.
     """
-    c, s = np.cos(grid.turn), np.sin(grid.turn)
-    axes = cells.spacing * np.array([[c, s], [-s, c]])
+    axes = cells.spacing * _turned_axes(grid.turn)
     places = np.rint((cells.xy - cells.xy[:1]) @ np.linalg.inv(axes)).astype(np.int64)
     around = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij"), axis=-1).reshape(-1, 2)
     every = np.unique((places[:, None] + around).reshape(-1, 2), axis=0)
     beside = replace(cells, xy=cells.xy[:1] + every @ axes, ij=np.zeros(every.shape, dtype=np.int64))
     return beside.of(~beside.are_inside(grid))
+
+
+def _turned_axes(turn: float) -> F64:
+    """Unit vectors of the rows and of the columns of a turned lattice, (2, 2)."""
+    c, s = np.cos(turn), np.sin(turn)
+    return np.array([[c, s], [-s, c]])
 
 
 def _weigh_levels(grid: LaunchGrid, draws: Mapping[int, Draw], sign: float) -> LaunchGrid:
@@ -285,8 +290,7 @@ class _Cells:
         """Parts of all cells, halved ``steps`` times along both axes, cell by cell."""
         m = 2**steps
         index = np.stack(np.meshgrid(np.arange(m), np.arange(m), indexing="ij"), axis=-1).reshape(-1, 2)
-        c, s = np.cos(turn), np.sin(turn)
-        offset = ((index + 0.5) / m - 0.5) * self.spacing @ np.array([[c, s], [-s, c]])
+        offset = ((index + 0.5) / m - 0.5) * self.spacing @ _turned_axes(turn)
         xy = (self.xy[:, None] + offset).reshape(-1, 2)
         ij = (m * self.ij[:, None] + index).reshape(-1, 2)
         return _Cells(xy, ij, self.level, self.depth + steps, self.spacing / m, self.needs)

@@ -87,7 +87,7 @@ class DiffusePairs(Effect):
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
     ) -> Mapping[str, FlagValue]:
-        """No flag: pairs have a separate launch."""
+        """Flag of the separate launch of pairs."""
         return {FLAG: on and decided["diffuse"].on}
 
 
