@@ -260,7 +260,9 @@ def draw(seed: int, content: str, folder: Path) -> tuple[Scene, tuple[str, ...],
     """Scene of a seed, kinds of parameters of its content, and its classes; ``folder`` for a file of its beam."""
     rng = np.random.default_rng([seed, *content.encode()])
     what = CONTENTS[content](rng)
-    mode, pattern = str(rng.choice(MODES.names)), str(rng.choice(PATTERNS.names))
+    # bursts have no derivatives
+    modes = [mode.name for mode in MODES if not mode.bursts]
+    mode, pattern = str(rng.choice(modes)), str(rng.choice(PATTERNS.names))
     # methods without raw data, which are refused, now and then
     method = str(rng.choice(METHODS if rng.random() < 0.15 else ["hybrid", "raw"]))
     two = pattern == "isotropic" and bool(rng.integers(3) == 0)

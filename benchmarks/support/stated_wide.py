@@ -148,9 +148,12 @@ def wide(seed: int) -> Iterator[Row]:
     depth = int(np.random.default_rng([seed, 1]).choice((0, 0, 1, 2)))
     scene = harness.with_settings(scene, keep_subsets=True, max_depth=depth)
     raw = simulate(scene)
-    sampling = raw.metadata["sampling"]
-    if not sampling:  # nothing was traced
+    if not raw.metadata["sampling"]:  # nothing was traced
         return
+    # spacings that are given: a run of its own may halve automatic ones
+    scene = harness.with_settings(scene, **raw.metadata["ray_spacing_settings"])
+    raw = simulate(scene)
+    sampling = raw.metadata["sampling"]
     image = focus(raw)
     fixed = harness.with_settings(scene, key_pulse_interval=sampling["key_pulse_interval"])
     total = image.total()

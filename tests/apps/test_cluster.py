@@ -76,7 +76,7 @@ def assert_same(shared: RawData, alone: RawData) -> None:
         ),
         pytest.param(
             "moving_cars",
-            {"azimuth_resolution": "3", "image_extent_azimuth": "24"},
+            {"azimuth_resolution": "3", "image_extent_azimuth": "120"},
             {"key_pulse_interval": 2},
             marks=pytest.mark.slow,
         ),

@@ -42,9 +42,9 @@ def test_a_city_is_less_than_45_per_cent_black(cities: ModuleType, name: str, tm
     assert 0.15 < np.median(grey[grey >= cities.BLACK]) < 0.7  # what is not black is not white either
     assert (grey >= 1.0).mean() < 0.05
     record = json.loads((out / "parameters.json").read_text())
-    # so small a part of Munich leaves lit towers at ranges beside the image
-    expected = [w for w in record["warnings"] if name == "munich" and "outside the receive window" in w]
-    assert record["warnings"] == expected
+    # Munich's domes are faceted, and so small a part of it leaves lit towers at ranges beside the image
+    known = ("outside the receive window", "of round metal") if name == "munich" else ()
+    assert [w for w in record["warnings"] if not any(text in w for text in known)] == []
     assert record["focus"]["window"] == "taylor"
 
 

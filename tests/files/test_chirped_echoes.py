@@ -117,11 +117,11 @@ def test_points_land_in_place_with_the_resolution_of_the_bands(tmp_path: Path, s
     assert not image.calibrated
     for focuser in ("omega_k", "chirp_scaling"):
         other = focus(raw, focuser=focuser)
-        # tol: the error that the image measured of itself, at 64 pixels: 3 dB; found -37 to -49
+        # tol: the error that the image measured of itself, at 64 of 700 000 pixels of which 1 000 bear it: 6 dB
         stated = other.metadata["focus"]["stated_error_db"]
         off = 20.0 * np.log10(np.linalg.norm(other.data - image.data) / np.linalg.norm(image.data))
         print(f"{focuser}: {off:.1f} dB off backprojection, {stated:.1f} dB stated")
-        assert off < stated + 3.0 and stated < -22.0
+        assert off < stated + 6.0 and stated < -22.0
     grid, v = image.grid, header["effective_velocity_m_per_s"]
     across = np.sqrt(points[:, 1] ** 2 - (grid.origin[2] - grid.height) ** 2)
     # the frame's origin is below the antenna at time zero

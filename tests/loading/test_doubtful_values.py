@@ -178,6 +178,7 @@ def test_no_alarm_on_scenes_of_sionna(path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", ".*ITU-R P.2040 gives", SarmitsubaWarning)
+        warnings.filterwarnings("ignore", ".*of round metal", SarmitsubaWarning)  # domes are faceted
         for radar in list_radars()[sum(path.stem.encode()) % 3 :: 3]:
             scene = load_scene(path, radar=radar.name)
             image, bounds = scene.image, scene.geometry.bounds

@@ -256,6 +256,7 @@ def test_face_order_and_duplicates_do_not_matter(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*of round metal")  # its domes are faceted
 def test_munich_loads_unchanged() -> None:
     # the file is enough: nothing of Sionna RT is imported
     spec = pytest.importorskip("importlib.util").find_spec("sionna")

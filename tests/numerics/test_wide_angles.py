@@ -117,7 +117,7 @@ def test_whole_circle_comes_out_as_a_point_in_its_place(tmp_path: Path) -> None:
     scene = circle(tmp_path, 360.0, 300, POINT, "hybrid")
     request = ImageRequest("ground", 0.6, -0.4, 0.0, 0.25, 0.25, 0.004, 0.004)
     image = focus(sarmitsuba.simulate(scene), request=request, focuser="backprojection")
-    power = np.abs(image.data[0])
+    power = np.abs(image.total())
     row, column = np.unravel_index(power.argmax(), power.shape)
     place = image.grid.positions_on_line(int(row))[int(column)]
     assert np.linalg.norm(place[:2] - [0.6, -0.4]) < 0.004

@@ -26,6 +26,8 @@ _CERTAIN, _FRAME = 16, 2
 _RESPONSE = 5
 # chance of all pixels alike, and by amplitude, over that by power, of which faint ones have none
 _FAINT = 3.0
+# chance by the power of a pixel's row and column, over that by its power
+_CROSSED = 2.0
 # part of the time of focusing that the sum may take, and seconds that are always allowed
 _SHARE, _ALWAYS = 0.05, 0.1
 # processor seconds of a profile's sample, and of a pixel and pulse
@@ -114,7 +116,8 @@ def witness_focusing(
     """Error of an image against :func:`sum_exactly` at drawn pixels, in the worst channel; None of an empty image.
 
     The brightest pixels of some rows and of the image's frame, its corners and the middles of its edges are taken with
-    certainty, others with chances that follow amplitude and power, more in the frame, and leave none out.
+    certainty, others with chances that follow amplitude and power, also of their rows and columns, more in the frame, and
+    leave none out.
 
     Parameters
     ----------
@@ -192,7 +195,10 @@ def _draw(power: F32, count: int, seed: int = _SEED) -> tuple[I64, F64]:
     near = _mean_around(power, _RESPONSE)
     amplitude = np.sqrt(near)
     chance = np.full(power.shape, _FAINT / power.size, dtype=np.float32)
-    for part, share in ((amplitude, _FAINT), (near, 1.0), (amplitude * frame, 1.0), (near * frame, 1.0)):
+    # ghosts and side lobes of a scatterer lie in its row and its column
+    crossed = near.mean(axis=0) + near.mean(axis=1)[:, None]
+    parts = ((amplitude, _FAINT), (near, 1.0), (crossed, _CROSSED), (amplitude * frame, 1.0), (near * frame, 1.0))
+    for part, share in parts:
         whole = float(part.sum(dtype=np.float64))
         if whole > 0.0:
             chance += part * np.float32(share / whole)
