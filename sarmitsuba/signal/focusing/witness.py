@@ -116,8 +116,8 @@ def witness_focusing(
     """Error of an image against :func:`sum_exactly` at drawn pixels, in the worst channel; None of an empty image.
 
     The brightest pixels of some rows and of the image's frame, its corners and the middles of its edges are taken with
-    certainty, others with chances that follow amplitude and power, also of their rows and columns, more in the frame, and
-    leave none out.
+    certainty, others with chances that follow amplitude and power, also of their rows and columns, more in the
+    frame, and leave none out.
 
     Parameters
     ----------
@@ -197,7 +197,13 @@ def _draw(power: F32, count: int, seed: int = _SEED) -> tuple[I64, F64]:
     chance = np.full(power.shape, _FAINT / power.size, dtype=np.float32)
     # ghosts and side lobes of a scatterer lie in its row and its column
     crossed = near.mean(axis=0) + near.mean(axis=1)[:, None]
-    parts = ((amplitude, _FAINT), (near, 1.0), (crossed, _CROSSED), (amplitude * frame, 1.0), (near * frame, 1.0))
+    parts = (
+        (amplitude, _FAINT),
+        (near, 1.0),
+        (crossed, _CROSSED),
+        (amplitude * frame, 1.0),
+        (near * frame, 1.0),
+    )
     for part, share in parts:
         whole = float(part.sum(dtype=np.float64))
         if whole > 0.0:
