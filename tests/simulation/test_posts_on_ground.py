@@ -41,6 +41,7 @@ def closed_form(a: float, h: float, eps: complex, rms: float) -> float:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*falls outside the receive window")
+@pytest.mark.filterwarnings("ignore:.*leaves out returns")  # the tube is open above: a wave guide
 @pytest.mark.parametrize(("a", "h"), [(0.04, 6.0), (0.15, 4.0), (0.15, 8.0), (0.6, 4.0)])
 def test_posts_are_as_bright_as_the_closed_form(tmp_path: Path, a: float, h: float) -> None:
     path = tmp_path / "post.xml"

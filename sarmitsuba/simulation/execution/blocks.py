@@ -48,6 +48,8 @@ LEEWAY_DB = 1.0
 # without a wanted error, blocks may exceed the error of ray sampling by this much, dB: half the error costs twice the
 # time, and shadows that move in steps of less than a cell do not change the visible image
 WORTH_DB = 8.0
+# dB, error up to which blocks may do so where the rays err less
+GOOD_DB = -15.0
 # number of rays per key pulse from which their error is measured on a strip first, and the strip's share of the launch
 # window: it costs a tenth of a key pulse, where shifting all rays would cost a whole one
 STRIP_FROM = 1_000_000
@@ -460,7 +462,7 @@ class Blocks:
             return max(0.0, *(value - max(wanted[channel], tolerance) for channel, value in error.items()))
 
         def above_rays(rays: dict[str, float]) -> float:
-            return above({channel: value + WORTH_DB for channel, value in rays.items()})
+            return above({c: min(value + WORTH_DB, max(value, GOOD_DB)) for c, value in rays.items()})
 
         if target < 0.0:
             return above(dict.fromkeys(error, target - BELOW_TARGET_DB))

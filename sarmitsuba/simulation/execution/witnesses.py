@@ -15,16 +15,24 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from scipy.special import stdtrit
 
 from sarmitsuba.core.arrays import C64, F64, sum_energies
 from sarmitsuba.core.constants import SUBSET_SHARES
 from sarmitsuba.core.errors import SarmitsubaError, SarmitsubaWarning
 from sarmitsuba.core.units import db_from_power, power_from_db
-from sarmitsuba.core.witness import Witness
+from sarmitsuba.core.witness import CONFIDENCE, Witness
 from sarmitsuba.effects.effect import EFFECTS
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.signal.raw_data import sum_layers
-from sarmitsuba.simulation.execution.blocks import BOUNDARY_SCATTER_DB, EMPTY_DB, Blocks, partition, strip
+from sarmitsuba.simulation.execution.blocks import (
+    BOUNDARY_SCATTER_DB,
+    EMPTY_DB,
+    STRIP_ENERGY,
+    Blocks,
+    partition,
+    strip,
+)
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
 from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, Tracer
@@ -101,9 +109,9 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
     Notes
     -----
     Pulses are drawn half evenly along the track and half by their energy, and weighted by the inverse. Strips
-    are tapered, and leave out echoes of
-    scatterers at known positions. Unlike the change where blocks meet, errors alike on both sides are seen, too. The
-    error is relative to the echoes of the whole track; in strips, to those of the strip in the block.
+    are tapered, and leave out echoes of scatterers at known positions. Unlike the change where blocks meet, errors
+    alike on both sides are seen, too. The error is relative to the echoes of the whole track; that in a strip, to its
+    share of the window or of the echoes, whichever is larger: a strip where nothing lies tells little.
     """
     if blocks.interval == 1:
         return None
@@ -129,31 +137,63 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
         shared, exact = (np.sum(planes, axis=0) for planes in zip(*sets, strict=True))
         weight = 1.0 / (chance.size * chance[pulse])
         errors.append(weight * sum_energies(shared[:, pulse - start] - exact))
-        here.append(weight * sum_energies(exact) if share < 1.0 else mean)
-        energies.append(weight * sum_energies(shared) / (stop - start) if share < 1.0 else mean)
+        here.append(weight * sum_energies(exact))
+        if share < 1.0:
+            of_strip = sum_energies(shared) / (stop - start)
+            covered = np.divide(of_strip, mean, out=np.zeros_like(mean), where=mean > 0.0)
+            here[-1] = mean * np.clip(covered, STRIP_ENERGY * share / (1.0 - share), 1.0)
+            energies.append(here[-1])
+        else:
+            energies.append(mean)
     if not errors:
         return None
     strips = f" in strips of {100.0 * share:.0f} % of the window" if share < 1.0 else ""
     reference = f"every pulse traced, at {len(errors)} drawn pulses{strips}"
-    found = _worst(np.array(errors), np.array(energies), np.array(here), blocks.error_db, reference)
-    return found and _combine_boundaries(found, max(len(blocks.blocks) - 1, 0))
+    every = np.array(errors), np.array(energies)
+    found = _worst(*every, np.array(here), blocks.error_db, reference)
+    if found is None:
+        return None
+    boundaries = max(len(blocks.blocks) - 1, 0)
+    if share == 1.0:
+        return _combine_boundaries(found, boundaries, float(found.samples), _certain(found))
+    counted = mean > power_from_db(EMPTY_DB) * mean.max()
+    covered = float((every[1][:, counted] / mean[counted]).sum(axis=0).min())
+    return _combine_boundaries(found, boundaries, covered, replace(found, error_db=_least_db(*every)))
 
 
-def _combine_boundaries(found: Witness, boundaries: int) -> Witness:
+def _least_db(errors: F64, energies: F64) -> float:
+    """Level that the error exceeds with 95 %, worst channel, dB, by the scatter from strip to strip (n, n_channels)."""
+    n, whole = len(errors), np.maximum(energies.mean(axis=0), 1e-300)
+    if n < 2:
+        return -math.inf
+    apart = (errors - errors.mean(axis=0) / whole * energies).std(axis=0, ddof=1) / math.sqrt(n)
+    least = (errors.mean(axis=0) - stdtrit(n - 1, CONFIDENCE) * apart) / whole
+    return db_from_power(max(float(least.max()), 1e-300))
+
+
+def _combine_boundaries(found: Witness, boundaries: int, covered: float, certain: Witness) -> Witness:
     """Mean of the errors at drawn pulses and where blocks meet; at drawn pulses alone where these contradict it.
 
     Where blocks meet, errors that are alike on both sides do not show; but there are more of these places.
+
+    Parameters
+    ----------
+    found : at drawn pulses
+    boundaries : number of places where blocks meet
+    covered : number of pulses that the drawn ones count as: a strip counts as its share
+    certain : at the level that the error of the drawn ones exceeds with 95 %
     """
-    if not boundaries or _certain(found).contradicts:
+    if not boundaries or certain.contradicts:
         return found
-    n = found.samples + boundaries
+    n = covered + boundaries
     # the figure of the boundaries bears their scatter already
     meeting_db = found.law_db - BOUNDARY_SCATTER_DB / math.sqrt(boundaries)
     drawn, meeting = (power_from_db(level) for level in (found.error_db, meeting_db))
-    error_db = db_from_power((found.samples * drawn + boundaries * meeting) / n + 1e-30)
+    error_db = db_from_power((covered * drawn + boundaries * meeting) / n + 1e-30)
     upper_db = error_db + _QUANTILE * BOUNDARY_SCATTER_DB / math.sqrt(n)
     reference = f"{found.reference}, and where blocks meet"
-    return replace(found, error_db=error_db, upper_db=upper_db, samples=n, reference=reference)
+    samples = found.samples + boundaries
+    return replace(found, error_db=error_db, upper_db=upper_db, samples=samples, reference=reference)
 
 
 def _certain(found: Witness) -> Witness:

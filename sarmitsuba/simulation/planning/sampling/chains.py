@@ -46,6 +46,10 @@ if TYPE_CHECKING:
 MOST_RAYS, SHARE = 600_000, 0.5
 # finest rays behind mirrors, wavelengths, and factor on what a facet needs up to which its rays are left as they are
 FINEST, ENOUGH = 1.0 / 9.0, 1.001
+# growth of a tube's cross-section from which on its returns count no more: three decades of power
+MOST_SPREAD = 1e3
+# gains of cells that are divided together, over the largest
+TOGETHER = 0.5
 # rays of the first search: a lattice with fewer is searched with several rays a cell, as narrow bodies hide between
 SEARCHED = 200_000
 # most rays through mirror images, and their number per spacing needed; most planes that mirror, alone and in pairs, and
@@ -97,13 +101,14 @@ def divide_cells(
     search = _Search(grid, scene, frame, antennas, wavelength, antenna)
     roots = _roots(grid)
     lacks = search.of_roots(roots)
-    if not any((lack > ENOUGH).any() for lack in lacks):
+    if not any((lack[:, 0] > ENOUGH).any() for lack in lacks):
         return grid, None
     division = _Division(grid, max(MOST_RAYS, SHARE * grid.n_rays))
-    open_ = list(zip(roots, lacks, strict=True))
+    open_ = [(cells, cells.spread(lack)) for cells, lack in zip(roots, lacks, strict=True)]
     while open_:
-        parts = division.divide(open_)
-        open_ = list(zip(parts, search.of_cells(parts), strict=True))
+        open_, parts = division.divide(open_)
+        found = search.of_cells(parts)
+        open_ += [(cells, cells.spread(lack)) for cells, lack in zip(parts, found, strict=True)]
     return division.lattice(), division.shortfall()
 
 
@@ -114,28 +119,36 @@ class _Division:
         self.grid, self.left, self.short = grid, left, 0.0
         self.done: dict[Serves, list[_Cells]] = {"all": [], "first": [], "later": []}
 
-    def divide(self, open_: Sequence[tuple[_Cells, F64]]) -> list[_Cells]:
-        """Divide cells of which some or their neighbours lack rays (n,); returns parts that may still lack some."""
-        wanted = [(cells, cells.spread(lack)) for cells, lack in open_]
-        most = max(float(lack.max(initial=0.0)) for _, lack in wanted)
+    def divide(self, open_: Sequence[tuple[_Cells, F64]]) -> tuple[list[tuple[_Cells, F64]], list[_Cells]]:
+        """Divide the cells that gain most by it; returns those that wait, and parts that may still lack rays.
+
+        Parameters
+        ----------
+        open_ : cells, and what they or their neighbours lack (n, 2), see :meth:`_Search.of_cells`
+        """
+        short = np.concatenate([lack[lack[:, 0] > ENOUGH] for _, lack in open_])
+        least = TOGETHER * float(short[:, 1].max(initial=0.0))
+        now = short[:, 1] >= least
+        most, count = float(short[now, 0].max(initial=0.0)), int(now.sum())
         steps = 1 if most <= 2.0 * ENOUGH else STEP
-        count = sum(int((lack > ENOUGH).sum()) for _, lack in wanted)
         while steps and count * 4.0**steps > self.left:
             steps -= 1
         if not steps:
             self.short = max(self.short, most)
         self.left -= count * 4.0**steps if steps else 0.0
-        still = []
-        for cells, lack in wanted:
-            split = (lack > ENOUGH) & (steps > 0) & (cells.depth < MOST_STEPS)
-            self.done["later" if cells.depth else "all"].append(cells.of(~split))
+        waiting, still = [], []
+        for cells, lack in open_:
+            waits = (lack[:, 0] > ENOUGH) & (lack[:, 1] < least)
+            split = (lack[:, 0] > ENOUGH) & ~waits & (steps > 0) & (cells.depth < MOST_STEPS)
+            waiting.append((cells.of(waits), lack[waits]))
+            self.done["later" if cells.depth else "all"].append(cells.of(~split & ~waits))
             if not cells.depth:
                 self.done["first"].append(cells.of(split))
             parts = cells.of(split).parts(steps, self.grid.turn)
-            more = np.repeat(lack[split] / 2.0**steps, 4**steps) > ENOUGH
+            more = np.repeat(lack[split, 0] / 2.0**steps, 4**steps) > ENOUGH
             self.done["later"].append(parts.of(~more))
             still.append(parts.of(more))
-        return [cells for cells in still if cells.n]
+        return [(cells, lack) for cells, lack in waiting if cells.n], [cells for cells in still if cells.n]
 
     def shortfall(self) -> Shortfall | None:
         """Surfaces that are still too coarse because of the bound on rays."""
@@ -313,9 +326,9 @@ class _Cells:
         return np.where(there, order[place], -1)
 
     def spread(self, lack: F64) -> F64:
-        """Largest lack (n,) of each cell and its eight neighbours."""
+        """Largest lack (n, 2) of each cell and its eight neighbours."""
         out = lack.copy()
-        marked = np.flatnonzero(lack > ENOUGH)
+        marked = np.flatnonzero(lack[:, 0] > ENOUGH)
         if not marked.size:
             return out
         low = self.ij.min(axis=0) - 1
@@ -389,12 +402,13 @@ class _Search:
         if not steps:
             return self.of_cells(roots)
         parts = self.of_cells([cells.parts(steps, self.grid.turn) for cells in roots])
-        return [2.0**steps * lack.reshape(-1, 4**steps).max(axis=1) for lack in parts]
+        return [2.0**steps * lack.reshape(-1, 4**steps, 2).max(axis=1) for lack in parts]
 
     def of_cells(self, groups: list[_Cells]) -> list[F64]:
-        """Largest width of each cell's tube at hits after the first, over the width that the facet needs; (n,) each.
+        """Largest width of each cell's tube at hits after the first, over the width that the facet needs; (n, 2) each.
 
-        Many cells are searched from the middle position alone.
+        The second column is that ratio over the growth of the tube's cross-section: what spread tubes lack
+        matters as much less as their returns are weaker. Many cells are searched from the middle position alone.
         """
         views = self.antennas
         if sum(cells.n for cells in groups) > FEW:
@@ -403,7 +417,7 @@ class _Search:
         for cells in groups:
             step = MAX_LANES // len(views)
             rows = [self._lack(cells.xy[i : i + step], cells, views) for i in range(0, cells.n, step)]
-            lack = np.concatenate(rows) if rows else np.zeros(0)
+            lack = np.concatenate(rows) if rows else np.zeros((0, 2))
             if cells.level in self.images:
                 points, per_spacing = self.images[cells.level]
                 owner = cells.holding(points, self.grid.turn)
@@ -419,10 +433,10 @@ class _Search:
         batch = PulseBatch(views, np.zeros_like(views), self.frame)
         kernel = Kernel.of(self.scene, grid, batch, _GEOMETRY, settings)
         finder = _LaterHits(self.scene, FINEST * self.wavelength)
-        _, (lack,) = trace(kernel, self.antenna, finder)
-        dr.eval(lack)
-        of_view: F64 = np.asarray(lack.numpy(), dtype=np.float64).reshape(len(views), -1)
-        return np.asarray(of_view.max(axis=0))
+        _, (lack, gain, _) = trace(kernel, self.antenna, finder)
+        dr.eval(lack, gain)
+        of_view = [np.asarray(a.numpy(), dtype=np.float64).reshape(len(views), -1) for a in (lack, gain)]
+        return np.stack([a.max(axis=0) for a in of_view], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -548,14 +562,18 @@ _GEOMETRY = KernelFlags(
 
 
 class _LaterHits:
-    """Accumulator and follower that keeps, for each ray, how much too wide its tube is at hits after the first."""
+    """Accumulator and follower that keeps, for each ray, how much too wide its tube is at hits after the first.
+
+    The second number is the same over the growth of the tube's cross-section since the first hit, the third is that
+    section there.
+    """
 
     def __init__(self, scene: TraceScene, finest: float) -> None:
         self.scene, self.finest = scene, finest
 
     def begin(self) -> LaneArrays:
         """No lack so far."""
-        return (mi.Float(0.0),)
+        return mi.Float(0.0), mi.Float(0.0), mi.Float(0.0)
 
     def visit(self, state: LaneArrays, ray: RayState, hit: Hit) -> tuple[LaneArrays, mi.UInt32 | None]:
         """Compare the tube's width with the need of the facet, where the antenna sees the hit."""
@@ -564,10 +582,14 @@ class _LaterHits:
         if ray.spread is not None:
             path = mi.Float(hit.length - ray.spread.start)
             a, b = a + ray.spread.a * path, b + ray.spread.b * path
-        width = dr.maximum(dr.norm(a), dr.norm(b))
-        lack = width / dr.maximum(need, dr.opaque(mi.Float, self.finest))
-        counts = hit.active & ~hit.first & hit.sees
-        return (dr.select(counts, dr.maximum(state[0], lack), state[0]),), ray.trail
+        section = dr.norm(dr.cross(a, b))
+        first = dr.select(hit.active & hit.first, section, state[2])
+        growth = dr.maximum(section / dr.maximum(first, 1e-30), 1.0)
+        lack = dr.maximum(dr.norm(a), dr.norm(b)) / dr.maximum(need, dr.opaque(mi.Float, self.finest))
+        counts = hit.active & ~hit.first & hit.sees & (growth < MOST_SPREAD)
+        found = dr.maximum(state[0], lack), dr.maximum(state[1], lack / growth)
+        most, gain = (dr.select(counts, new, old) for new, old in zip(found, state, strict=False))
+        return (most, gain, first), ray.trail
 
     def add(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
         """No returns are recorded."""
