@@ -235,22 +235,10 @@ def mesh_path(element: Element) -> Path:
 
 
 def _expand(
-    element: Element, outer: F64, carried: Motion, taken: dict[str, int], depth: int
+    element: Element, outer: F64, carried: Motion, taken: dict[str, int], depth: int, whole: str = ""
 ) -> Iterator[Placed]:
     plugin = element.plugin
-    if plugin not in SHAPE_PARAMETERS:
-        known = ", ".join(SHAPE_PARAMETERS)
-        guess = did_you_mean(plugin, SHAPE_PARAMETERS)
-        raise SceneError(
-            f'{element.where}: shape type "{plugin}" is not supported{guess or f"; use one of {known}"}'
-        )
-    for name, value in element.given().items():
-        if name not in SHAPE_PARAMETERS[plugin] and not _is_object(value):
-            guess = did_you_mean(name, SHAPE_PARAMETERS[plugin])
-            known = ", ".join(SHAPE_PARAMETERS[plugin]) or "no parameters"
-            raise SceneError(
-                f'{element.where}: unknown parameter "{name}"{guess or f"; {plugin} knows {known}"}'
-            )
+    _check_parameters(element)
     if depth > _MAX_NESTING:
         raise SceneError(f"{element.where}: shapes are nested more than {_MAX_NESTING} deep; flatten them")
     matrix = outer
@@ -268,12 +256,44 @@ def _expand(
             raise SceneError(
                 f"{element.where}: {plugin} holds no shape; refer to a shapegroup with shapes in it"
             )
+        if plugin == "instance" and len(inner) > 1 and not whole:
+            whole = _number(_name_instance(element), taken)
         for part in inner:
-            yield from _expand(part, matrix, motion, taken, depth + 1)
+            yield from _expand(part, matrix, motion, taken, depth + 1, whole)
     elif plugin != "shapegroup":
         name = name_shape(element)
-        taken[name] = taken.get(name, 0) + 1
-        yield Placed(element, name if taken[name] == 1 else f"{name}.{taken[name]}", matrix, motion)
+        name = f"{whole}{PART_MARK}{name.replace(PART_MARK, ' ')}" if whole else name
+        yield Placed(element, _number(name, taken), matrix, motion)
+
+
+def _check_parameters(element: Element) -> None:
+    """Raise a SceneError for an unknown shape or parameter."""
+    plugin = element.plugin
+    if plugin not in SHAPE_PARAMETERS:
+        known = ", ".join(SHAPE_PARAMETERS)
+        guess = did_you_mean(plugin, SHAPE_PARAMETERS)
+        raise SceneError(
+            f'{element.where}: shape type "{plugin}" is not supported{guess or f"; use one of {known}"}'
+        )
+    for name, value in element.given().items():
+        if name not in SHAPE_PARAMETERS[plugin] and not _is_object(value):
+            guess = did_you_mean(name, SHAPE_PARAMETERS[plugin])
+            known = ", ".join(SHAPE_PARAMETERS[plugin]) or "no parameters"
+            raise SceneError(
+                f'{element.where}: unknown parameter "{name}"{guess or f"; {plugin} knows {known}"}'
+            )
+
+
+def _number(name: str, taken: dict[str, int]) -> str:
+    """A name, from its second use on with a number."""
+    taken[name] = taken.get(name, 0) + 1
+    return name if taken[name] == 1 else f"{name}.{taken[name]}"
+
+
+def _name_instance(element: Element) -> str:
+    """Name of an instance of several shapes, which are parts of it: its id, or that of its group."""
+    ids = (element.id, *(group.id for group in element.of_kind("shape")), element.plugin)
+    return next(name for name in ids if name and not NUMBERED.fullmatch(name)).replace(PART_MARK, " ")
 
 
 def name_shape(element: Element) -> str:

@@ -18,6 +18,8 @@ from sarmitsuba.signal.raw_data import Layer
 Quantity = Literal["sigma0", "gamma0", "beta0", "rcs", "amplitude", "phase"]
 QUANTITIES: tuple[str, ...] = get_args(Quantity)
 
+# entry of the metadata of images of a target on a turntable
+TURNTABLE = "turntable"
 LARGEST, SMALLEST = 1600, 640  # screen pixels of the longer side of a picture
 
 _LABELS: dict[str, str] = {
@@ -350,6 +352,11 @@ def _clutter_db(values_db: F64, known: bool | None) -> float | None:
 
 
 def has_clutter(image: SarImage) -> bool | None:
-    """Whether the scene scatters diffusely, as recorded by the simulation; None if not recorded."""
+    """Whether diffuse echoes fill the image, as recorded by the simulation; None if not recorded.
+
+    About a target on a turntable there are none: its side lobes alone.
+    """
+    if image.metadata.get(TURNTABLE) is True:
+        return False
     effect = image.metadata.get("effects", {}).get("effects", {}).get("diffuse", {})
     return bool(effect["on"]) if "on" in effect else None
