@@ -6,9 +6,8 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
-from matplotlib.text import Annotation
 from matplotlib.figure import Figure
-from matplotlib.text import Text
+from matplotlib.text import Annotation, Text
 from scipy.signal import windows
 
 from sarmitsuba.core.errors import DataError
