@@ -10,8 +10,8 @@ built from that copy into ``dist/``, and a lock file: the version and hash of ev
 interpreter and machine (``pip install --require-hashes --no-deps -r LOCK``). Each package is installed by such a lock
 into an environment of its own, whose packages are then read-only, and tried in an empty folder without a network:
 ``doctor``, three shipped scenes, the Python block of the README. The wheel's extra ``all`` must resolve. Beside the
-packages goes a page of the version's known limits, from the changelog. Started by root, the trial runs as the user ``nobody``
-where that user can start the interpreter.
+packages goes a page of the version's known limits, from the changelog. Started by root, the trial runs as the user
+``nobody`` where that user can start the interpreter.
 """
 
 import argparse

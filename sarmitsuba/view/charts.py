@@ -124,7 +124,7 @@ def _errors(axes: Axes, account: Account) -> None:
         axes.text(102.0, i, _value(part, share), fontsize=_SMALL, va="center", parse_math=False)
     axes.set_xlim(0.0, 100.0)
     axes.set_xlabel(
-        "share of the known error energy, %; light: bound, grey: law, red: contradicts its law",
+        "share of the known error energy, %; light: bound, grey: law, red: more than its law",
         fontsize=_SMALL,
         parse_math=False,
         loc="left",
@@ -164,7 +164,7 @@ def _share(part: ErrorPart, total_db: float) -> float:
 
 
 def _value(part: ErrorPart, share: float) -> str:
-    return part.value if not share else f"{part.value} ({_percent(share)})"
+    return part.value if not share else f"{_percent(share)}: {part.value}"
 
 
 def _percent(share: float) -> str:

@@ -299,7 +299,7 @@ def test_profile_runs_through_the_peak() -> None:
     assert position[values.argmax()] == 9000.0 + 11 * 0.25
     assert values.max() == pytest.approx(40.0, abs=1e-5)  # tol: float32 rounding
     assert cut_profile(image, "azimuth")[2] == 9000.0 + 11 * 0.25
-    assert profile(image, "azimuth").axes[0].get_xlabel() == "azimuth (m)"
+    assert profile(image, "azimuth").axes[0].get_xlabel() == "azimuth from mid-track (m)"
     with pytest.raises(DataError, match="outside the image, 0 to"):
         cut_profile(image, "range", at=99.0)
 
