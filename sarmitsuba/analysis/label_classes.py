@@ -11,6 +11,8 @@ from sarmitsuba.files.table_file import read_table
 from sarmitsuba.scene.scene import Scene
 
 _MOST_BYTES = 10_000_000
+# objects named where none fits
+_NAMED = 8
 
 
 def shape_names(scene: Scene) -> tuple[str, ...]:
@@ -31,10 +33,9 @@ def match_shapes(scene: Scene, name: str) -> tuple[str, ...]:
     names = shape_names(scene)
     fitting = tuple(one for one in names if one == name or fnmatchcase(one, name))
     if not fitting:
-        raise SceneError(
-            f'{scene.name}: no object "{one_line(name)}"{did_you_mean(name, names)}; objects are shapes by their id, '
-            "parts named OBJECT/PART joined"
-        )
+        known = ", ".join(one_line(one, 40) for one in names[:_NAMED]) + ", ..." * (len(names) > _NAMED)
+        guess = did_you_mean(name, names) or f"; it has {known or 'none'}"
+        raise SceneError(f'{scene.name}: no object "{one_line(name)}"{guess}')
     return fitting
 
 

@@ -364,6 +364,15 @@ def test_terrain_is_multilooked_and_scaled_to_its_slopes(seed: int) -> None:
     assert prepare(image, PictureOptions(quantity="phase"), 1600).averaged == (1, 1)
 
 
+def test_what_lies_beside_terrain_does_not_darken_its_scale() -> None:
+    """A map's edge on 4 % of the picture set black to -44 dB: a hill of 10 dB was light grey."""
+    image = hill(1300, 900, 0)
+    before = prepare(image, PictureOptions(), 1600).limits
+    image.data[0, -52:] *= np.float32(0.02)
+    # tol: percentiles of 4 % fewer pixels
+    assert prepare(image, PictureOptions(), 1600).limits == pytest.approx(before, abs=0.5)
+
+
 def test_a_city_and_a_small_image_keep_their_pixels() -> None:
     image = make_image(1200, 1200, (0.5, 0.5))
     image.data[0] = np.tile(np.sqrt(town(0.1)), (3, 3)).astype(np.complex64)
