@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
 from matplotlib.textpath import TextPath
+from matplotlib.ticker import LogFormatter
 from numpy.typing import NDArray
 
 from sarmitsuba.analysis.account import Account, likely_total_db
@@ -209,6 +210,8 @@ def cost_figure(
     axes.axhline(target_db, color="C3", lw=0.8, ls="--", label=f"wanted: {target_db:g} dB")
     axes.plot(*chosen, "*", ms=14, color="C1", label="recommended")
     axes.set_xscale("log")
+    for axis_ticks in (axes.xaxis.set_major_formatter, axes.xaxis.set_minor_formatter):
+        axis_ticks(LogFormatter(minor_thresholds=(2.0, 0.5)))  # plain numbers
     axes.set_xlabel("processor time, whole scene (s)")
     axes.set_ylabel("error of the image (dB)")
     axes.set_title(title, parse_math=False)

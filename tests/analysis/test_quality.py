@@ -372,6 +372,9 @@ def test_ground_below_the_noise_is_said(ground_db: float, said: bool) -> None:
     assert bool(notes) is said
     if said:
         assert "below the noise, NESZ" in notes[0]
+    patch = image.data * np.float32(5.0)  # 14 dB over the noise, on a seventh of the image
+    patch[:, :, image.grid.shape[1] // 7 :] = image.data[:, :, image.grid.shape[1] // 7 :]
+    assert not describe_weak_echoes(dataclasses.replace(shown, data=patch))
     bare = {**known, "effects": {"effects": {"diffuse": {"on": False}}}}  # targets without ground
     assert not describe_weak_echoes(dataclasses.replace(shown, metadata=bare))
 
