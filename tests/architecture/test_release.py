@@ -70,7 +70,9 @@ def test_the_known_limits_are_a_page() -> None:
     text = cut_changelog(CHANGES, "1.2.0", "2026-03-04")
     with pytest.raises(ReleaseError, match=re.escape('1.2.0 has no "### Known limits"')):
         cut_limits(text, "1.2.0", "https://x")
-    text = text.replace("- A thing.\n", "- A thing.\n\n### Known limits\n\n- Flat ([why](docs/physics.md#b)).\n")
+    text = text.replace(
+        "- A thing.\n", "- A thing.\n\n### Known limits\n\n- Flat ([why](docs/physics.md#b)).\n"
+    )
     assert cut_limits(text, "1.2.0", "https://x") == (
         "# Known limits of sarmitsuba 1.2.0\n\n- Flat ([why](https://x/blob/v1.2.0/docs/physics.md#b)).\n"
     )
