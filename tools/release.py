@@ -9,8 +9,9 @@ becomes that of the version in ``sarmitsuba/version.py``, the only place of the 
 built from that copy into ``dist/``, and a lock file: the version and hash of everything that the wheel needs, for this
 interpreter and machine (``pip install --require-hashes --no-deps -r LOCK``). Each package is installed by such a lock
 into an environment of its own, whose packages are then read-only, and tried in an empty folder without a network:
-``doctor``, three shipped scenes, the Python block of the README. Started by root, the trial runs as the user ``nobody``
-where that user can start the interpreter.
+``doctor``, three shipped scenes, the Python block of the README. The wheel's extra ``all`` must resolve. Beside the
+packages goes a page of the version's known limits, from the changelog. Started by root, the trial runs as the user
+``nobody`` where that user can start the interpreter.
 """
 
 import argparse
@@ -31,6 +32,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = ("tower", "car_park", "farm_yard")
 NOBODY = 65534
+REPOSITORY = "https://github.com/sarmitsuba/sarmitsuba"
 # fails where a network can be reached: connecting to a documentation address (RFC 5737) gets no route
 NO_NETWORK = """
 import socket
@@ -100,6 +102,30 @@ def cut_changelog(text: str, version: str, day: str) -> str:
     if not re.match(r"\s*(?!## )\S", after):
         raise ReleaseError(f"CHANGELOG.md: nothing stands under {heading.strip()}")
     return f"{before}## Unreleased\n\n## {version} - {day}\n{after}"
+
+
+def cut_limits(changelog: str, version: str, home: str) -> str:
+    """Page of the known limits of a version, by its section of the cut changelog.
+
+    Parameters
+    ----------
+    changelog : as :func:`cut_changelog` leaves it
+    version : of the section
+    home : address that links to files of the repository begin with
+
+    Raises
+    ------
+    ReleaseError
+        The version has no section, or names no limit in it.
+    """
+    section = re.search(rf"^## {re.escape(version)} - .+?(?=^## |\Z)", changelog, re.MULTILINE | re.DOTALL)
+    limits = section and re.search(
+        r"^### Known limits\n+(\S.*?)(?=^### |\Z)", section[0], re.MULTILINE | re.DOTALL
+    )
+    if not limits:
+        raise ReleaseError(f'CHANGELOG.md: {version} has no "### Known limits" with an entry')
+    text = re.sub(r"\]\((?!https?:)", f"]({home}/blob/v{version}/", limits[1].rstrip())
+    return f"# Known limits of sarmitsuba {version}\n\n{text}\n"
 
 
 def cut_citation(text: str, version: str, day: str) -> str:
@@ -190,6 +216,9 @@ class Trial:
         report = folder / "report.json"
         asked = ["--dry-run", "--ignore-installed", "--report", str(report), str(package)]
         subprocess.run([*pip, *asked], check=True, cwd=self.home)
+        if package.suffix == ".whl":
+            with_extras = ["--dry-run", "--ignore-installed", f"{package}[all]"]
+            subprocess.run([*pip, *with_extras], check=True, cwd=self.home)
         self.lock = folder / "lock.txt"
         self.lock.write_text(
             lock_of(json.loads(report.read_text(encoding="utf-8")), "sarmitsuba"), encoding="utf-8"
@@ -291,6 +320,10 @@ def release(python: str, target: Path, day: str) -> None:
         if not blocks:
             raise ReleaseError("README.md has no block of Python")
         target.mkdir(exist_ok=True)
+        limits = target / f"sarmitsuba-{version}-limits.md"
+        changes = (copy / "CHANGELOG.md").read_text(encoding="utf-8")
+        limits.write_text(cut_limits(changes, version, REPOSITORY), encoding="utf-8")
+        print(limits.name)
         for package in build(copy, target):
             print(f"{package.name}, {package.stat().st_size / 1e6:.1f} MB")
             trial = folder / package.name

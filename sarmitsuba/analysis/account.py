@@ -124,7 +124,8 @@ class Account:
     ----------
     parts : error by cause
     stages : time by stage; none of the simulation where the echoes were there before
-    finer : change that lowers the likely sum of the known errors most; None where none lowers it by ``VISIBLE_DB``
+    finer : change that lowers the likely sum of the known errors most; None where none lowers it, and the stated
+        sum, by ``VISIBLE_DB``
     coarser : change that saves most time and raises that sum by less than ``VISIBLE_DB``; None where none saves
         ``WORTH`` of the time
     changes : all that were considered
@@ -162,8 +163,8 @@ class Account:
     def advice(self) -> tuple[str, str]:
         """The change that lowers the error most, and the one that saves most, as text."""
         finer = "no single setting lowers the known error visibly"
-        loose = sum(_energy(part.weight_db) for part in self.parts if not math.isnan(part.likely_db))
-        if loose > 0.5 * _energy(likely_total_db(self.parts)):
+        loose = sum(_energy(part.error_db) for part in self.parts if not math.isnan(part.likely_db))
+        if loose > 0.5 * _energy(self.total_db):
             finer += "; effects left out are only bounded, `explain --measure` measures them"
         if self.finer:
             again = _SIMULATING.isdisjoint(self.stages) and self.finer.cause != "focuser"
@@ -220,7 +221,9 @@ def account(image: SarImage, stages: Mapping[str, StageTime], others: Iterable[A
         *_focusers(by_name["focuser"], others, stages),
     ]
     weighed = [_add_total(change, parts) for change in changes]
-    finer = [c for c in weighed if _LAWLESS_DB < c.likely_db[0] >= c.likely_db[1] + VISIBLE_DB]
+    finer = [
+        c for c in weighed if _LAWLESS_DB < c.likely_db[0] and _lowers(c.likely_db) and _lowers(c.total_db)
+    ]
     needed = WORTH * sum(t.processor for t in stages.values() if not math.isnan(t.processor))
     coarser = [c for c in weighed if c.seconds < -needed and c.likely_db[1] < c.likely_db[0] + VISIBLE_DB]
     if _SIMULATING.isdisjoint(stages):  # echoes that are there already take no time
@@ -233,6 +236,11 @@ def account(image: SarImage, stages: Mapping[str, StageTime], others: Iterable[A
         tuple(weighed),
         _target_db(data),
     )
+
+
+def _lowers(level_db: tuple[float, float]) -> bool:
+    """Whether an error falls visibly, from before to after."""
+    return level_db[0] >= level_db[1] + VISIBLE_DB
 
 
 def _target_db(data: BudgetFacts) -> float:

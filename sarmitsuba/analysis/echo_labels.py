@@ -5,20 +5,19 @@ Boxes of shapes have the share of the shape that the antenna sees, and the pixel
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.analysis.geometric_labels import SurfacePoints, surface_points
-from sarmitsuba.analysis.label_classes import shape_names
+from sarmitsuba.analysis.label_classes import match_shapes
 from sarmitsuba.analysis.label_owners import SceneOwners, SceneShapes
 from sarmitsuba.analysis.label_sight import SightLines, surface_samples
 from sarmitsuba.core.arrays import F32, F64, I64, unit_rows
 from sarmitsuba.core.constants import DEFAULT_WINDOW
 from sarmitsuba.core.errors import DataError, RadarError, SceneError
-from sarmitsuba.core.parameters import did_you_mean, one_line
+from sarmitsuba.core.parameters import one_line
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
@@ -340,20 +339,14 @@ def object_echoes(scene: Scene, name: str, channel: str | None = None) -> tuple[
     -----
     Paths over two objects count in halves, see docs/labels.md. Mechanisms interfere: their sum is not the RCS of all.
     """
-    names = shape_names(scene)
-    if not any(name == one or fnmatchcase(one, name) for one in names):
-        raise SceneError(
-            f'{scene.name}: no object "{one_line(name)}"{did_you_mean(name, names)}; objects are shapes by their id, '
-            "parts named OBJECT/PART joined"
-        )
+    fitting = set(match_shapes(scene, name))
     if channel is not None and channel not in scene.radar.channels:
         raise SceneError(
             f"{scene.name}: no channel {one_line(channel)!r}; the radar has {', '.join(scene.radar.channels)}"
         )
     echoes = EchoLabels(scene, default_grid(scene.radar, scene.image), {})
     layer = 0 if channel is None else echoes.groups.channels.index(channel)
-    wanted = np.array([one == name or fnmatchcase(one, name) for one in (*echoes.shapes.names, "")])
-    wanted[-1] = False
+    wanted = np.array([*(one in fitting for one in echoes.shapes.names), False])
     out = {}
     for mechanism, groups in echoes.parts(np.where(wanted[echoes.shape], echoes.mechanism, -1)):
         image = echoes.imager.pack(echoes.groups.image(echoes.groups.cells(groups)))

@@ -86,7 +86,7 @@ class ErrorPart:
             likely = (
                 f" (likely {self.likely_db:.0f} dB)" if math.isfinite(self.likely_db) else " (likely none)"
             )
-        against = f", contradicts the law of {self.law_db:.1f} dB" if self.contradicts else ""
+        against = f", more than the law's {self.law_db:.1f} dB" if self.contradicts else ""
         return f"{self.error_db:.1f} dB{likely}, {self.kind}{against}"
 
     @property

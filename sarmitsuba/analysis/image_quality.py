@@ -24,13 +24,16 @@ from sarmitsuba.analysis.point_quality import (
 )
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.errors import DataError
-from sarmitsuba.core.units import db_from_power
+from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.signal.focusing.windows import Window
 from sarmitsuba.signal.image import ImageGrid, SarImage, block_means
 from sarmitsuba.signal.metrics import equivalent_number_of_looks, windows_over
 
 # cells along the edge of an automatic area, and of the pieces by which it is chosen
 _EDGE, _PIECE = 24.0, 6.0
+# level of a channel relative to the strongest below which it is empty, dB, and share of the noise's power below which
+# an echo is not seen; pixels along a block
+_EMPTY_DB, _NOISE_SHARE, _BLOCK = -60.0, 0.1, 16
 
 
 @dataclass(frozen=True)
@@ -419,7 +422,8 @@ class QualityReport:
             lines += ["", *_table(_AREA_COLUMNS, [_area_row(a) for a in self.areas])]
         lines += ["", f"whole image: contrast {self.contrast:.3f}, entropy {self.entropy:.3f} nats"]
         lines.append(
-            f"NESZ predicted {_number(self.nesz_db, '.2f')} dB, darkest area {_number(self.darkest_db, '.2f')} dB"
+            f"NESZ predicted {_number(self.nesz_db, '.2f')} dB{' (no noise)' * math.isnan(self.nesz_db)}, darkest area "
+            f"{_number(self.darkest_db, '.2f')} dB"
         )
         return "\n".join(lines)
 
@@ -525,6 +529,50 @@ def image_quality(
         left_out=left_out,
         calibrated=image.calibrated,
     )
+
+
+def describe_weak_echoes(image: SarImage) -> tuple[str, ...]:
+    """Notes on channels without echoes, and on noise above the level of the ground; with a remedy each.
+
+    The level of the ground is that of exponentially distributed power with the image's median, less the noise's power
+    at the image's centre. It is below the noise where nine tenths of the image, averaged over blocks, are.
+
+    Notes
+    -----
+    Ignores the change of the noise over the image. Where walls are seen on a tenth of it, dark ground is not told.
+    """
+    noise = image.metadata.get("focus", {}).get("nesz", 0.0)
+    sigma0 = {channel: image.sigma0(channel) for channel in image.channels}
+    mean = {channel: max(float(power.mean()) - noise, 0.0) for channel, power in sigma0.items()}
+    least = max(power_from_db(_EMPTY_DB) * max(mean.values()), _NOISE_SHARE * noise)
+    empty = [channel for channel, power in mean.items() if power <= least]
+    notes = []
+    if empty and len(empty) < len(mean):
+        notes.append(
+            f"{', '.join(empty)}: no echo, {'noise' if noise else 'rounding'} alone; cross-polar echoes come from "
+            "materials with a cross_polar_ratio_db, from vegetation, tilted wires and tilted walls"
+        )
+    for channel in image.channels:
+        ground = float(np.median(sigma0[channel])) / math.log(2.0) - noise
+        seen = float(np.percentile(block_means(sigma0[channel], _blocks(image)), 90.0)) - noise
+        if channel not in empty and noise > 0.0 and max(ground, seen) < noise and _has_clutter(image):
+            level = f"at {db_from_power(ground):.1f} dB" if ground > _NOISE_SHARE * noise else "not seen"
+            notes.append(
+                f"{channel}: the ground is {level}, below the noise, NESZ {db_from_power(noise):.1f} dB at the image's "
+                "centre: its texture is noise; more power, a larger antenna or a lower noise_temperature shows it; "
+                "`link` has the budget"
+            )
+    return tuple(notes)
+
+
+def _blocks(image: SarImage) -> tuple[int, int]:
+    """Pixels of blocks whose mean power hardly scatters, fewer in small images."""
+    return max(min(_BLOCK, image.grid.shape[0] // 4), 1), max(min(_BLOCK, image.grid.shape[1] // 4), 1)
+
+
+def _has_clutter(image: SarImage) -> bool:
+    effect = image.metadata.get("effects", {}).get("effects", {}).get("diffuse", {})
+    return effect.get("on") is True
 
 
 def _describe_known_point(point: KnownPoint | tuple[float, float, float]) -> KnownPoint:

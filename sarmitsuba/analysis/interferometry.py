@@ -379,7 +379,7 @@ class HeightMap:
 
     Parameters
     ----------
-    points : (n_azimuth, n_range, 3) float64, m, frame of the user's file: x, y, z
+    points : (n_azimuth, n_range, 3) float64, m, frame of the user's file: x, y, z; NaN in known shadow
     phase : (n_azimuth, n_range) float64, rad, of the points
     sigma : (n_azimuth, n_range) float64, m; standard deviation of z from coherence and looks
     coherence : (n_azimuth, n_range)
@@ -388,7 +388,7 @@ class HeightMap:
     Notes
     -----
     In layover, where several surfaces share range and Doppler, the point lies between them, weighted by their power; in
-    shadow it is meaningless, and its coherence low.
+    shadow that is not known, it is meaningless.
     """
 
     points: F64
@@ -437,7 +437,13 @@ def unwrapped_phase(pair: Interferogram, least_coherence: float = 0.3) -> F64:
     return np.asarray(found - 2.0 * np.pi * turns, dtype=np.float64)
 
 
-def height_map(pair: Interferogram, phase: F64 | None = None, *, lowest: float | None = None) -> HeightMap:
+def height_map(
+    pair: Interferogram,
+    phase: F64 | None = None,
+    *,
+    lowest: float | None = None,
+    shadow: NDArray[np.bool_] | None = None,
+) -> HeightMap:
     r"""Position and height of every block: the point q with its range, Doppler and phase.
 
     .. math:: R_1(q) = R_1(p), \quad f_{D1}(q) = f_{D1}(p), \quad
@@ -449,6 +455,7 @@ def height_map(pair: Interferogram, phase: F64 | None = None, *, lowest: float |
     phase : (n_azimuth, n_range) rad, such as :func:`unwrapped_phase`; None: the wrapped phase, for heights from
         ``lowest`` to one height of ambiguity above it
     lowest : m, frame of the user's file; None: a tenth of the height of ambiguity below the image plane
+    shadow : (n_azimuth, n_range) blocks in radar shadow, which get no height; None: not known
 
     Raises
     ------
@@ -479,6 +486,8 @@ def height_map(pair: Interferogram, phase: F64 | None = None, *, lowest: float |
         second.distance(points) + pair.wavelength / (4.0 * np.pi) * phase,
     )
     z = phase / wavenumber
+    if shadow is not None:
+        z = np.where(shadow, np.nan, z)
     place = points + np.stack([step[..., 0] * z, step[..., 1] * z, z], axis=-1)
     known = np.isfinite(z)
     place[~known] = points[~known]
@@ -489,7 +498,7 @@ def height_map(pair: Interferogram, phase: F64 | None = None, *, lowest: float |
     return HeightMap(
         points=place,
         phase=phase,
-        sigma=phase_sigma(coherence, pair.independent_looks) / np.abs(wavenumber),
+        sigma=np.where(known, phase_sigma(coherence, pair.independent_looks) / np.abs(wavenumber), np.nan),
         coherence=coherence,
         height_of_ambiguity=ambiguity,
     )

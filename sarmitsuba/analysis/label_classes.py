@@ -1,15 +1,18 @@
 """Semantic classes of shapes by a table of their names."""
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.errors import DataError, SceneError
 from sarmitsuba.core.parameters import did_you_mean, one_line
 from sarmitsuba.files.table_file import read_table
 from sarmitsuba.scene.scene import Scene
 
 _MOST_BYTES = 10_000_000
+# objects named where none fits
+_NAMED = 8
 
 
 def shape_names(scene: Scene) -> tuple[str, ...]:
@@ -17,6 +20,34 @@ def shape_names(scene: Scene) -> tuple[str, ...]:
     beside = (scene.points, scene.scatterers)
     return tuple(
         dict.fromkeys([*scene.geometry.object_names, *(thing.name for many in beside for thing in many)])
+    )
+
+
+def match_shapes(scene: Scene, name: str) -> tuple[str, ...]:
+    """Names of the shapes of a scene that a name, or a pattern of names such as ``"house*"``, fits.
+
+    Raises
+    ------
+    SceneError : it fits none
+    """
+    names = shape_names(scene)
+    fitting = tuple(one for one in names if one == name or fnmatchcase(one, name))
+    if not fitting:
+        known = ", ".join(one_line(one, 40) for one in names[:_NAMED]) + ", ..." * (len(names) > _NAMED)
+        guess = did_you_mean(name, names) or f"; it has {known or 'none'}"
+        raise SceneError(f'{scene.name}: no object "{one_line(name)}"{guess}')
+    return fitting
+
+
+def pick_shapes(scene: Scene, name: str) -> Scene:
+    """The scene of the shapes alone that a name or a pattern of names fits; raises as :func:`match_shapes`."""
+    kept, geometry = set(match_shapes(scene, name)), scene.geometry
+    meshes = [i for i, k in enumerate(geometry.mesh_object.tolist()) if geometry.object_names[k] in kept]
+    return replace(
+        scene,
+        geometry=geometry.pick_meshes(meshes),
+        points=tuple(point for point in scene.points if point.name in kept),
+        scatterers=tuple(target for target in scene.scatterers if target.name in kept),
     )
 
 

@@ -12,6 +12,7 @@ Radar Imaging (2009), chapter 3; Raney, IEEE TGRS 45 (11) 2007 (m-delta); Raney,
 E00H21, 2012 (m-chi).
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -547,7 +548,9 @@ class PolarimetryReport:
                 f"Pauli shares of power: odd bounces {odd:.1%}, even bounces {even:.1%}, cross-polar {cross:.1%}",
                 f"median entropy {_median(d.entropy):.3f}, anisotropy {_median(d.anisotropy):.3f}, "
                 f"alpha {np.degrees(_median(d.alpha)):.1f} deg",
-                f"HV - VH: {self.asymmetry_db:.1f} dB of both",
+                "HV - VH: none"
+                if self.asymmetry_db == -math.inf
+                else f"HV - VH: {self.asymmetry_db:.1f} dB of both",
                 "zones of entropy and alpha, share of area and of power:",
             ]
             lines += [

@@ -14,6 +14,9 @@ from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.image_arguments import files_of_run, image_file
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from sarmitsuba.analysis.interferometry import HeightMap, Interferogram
     from sarmitsuba.signal.image import SarImage
 
@@ -23,6 +26,8 @@ HELP = "phase, coherence, baselines and heights from two runs of one scene"
 RECORD, PICTURE, POINTS = "interferogram.json", "interferogram.png", "heights.npz"
 # file of the second image, where its raw data were focused on the first's grid
 SECOND = "second_on_first.h5"
+# share of a block's pixels in shadow from which on side lobes alone are left in it
+IN_SHADOW = 0.9
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -103,11 +108,12 @@ def _evaluate(
         channel=args.channel,
         band="common" if args.common_band else "full",
     )
-    found = None
+    found = shadow = None
     if pair.baseline.perpendicular:
         phase = unwrapped_phase(pair) if args.unwrap else None
-        found = height_map(pair, phase, lowest=args.lowest_height)
-    for line in _table(pair, found):
+        shadow = _find_shadow(Path(args.first), first, pair, console)
+        found = height_map(pair, phase, lowest=args.lowest_height, shadow=shadow)
+    for line in _table(pair, found, shadow):
         console.say(line)
     with output_folder(_target(args)) as folder:
         if made:
@@ -129,6 +135,29 @@ def _evaluate(
         title = str(first.metadata.get("scene", ""))
         path = draw_into(folder, PICTURE, lambda: interferogram_figure(pair, found, title=title), console)
     console.say(str(path))
+
+
+def _find_shadow(
+    run: Path, image: "SarImage", pair: "Interferogram", console: Console
+) -> "NDArray[np.bool_] | None":
+    """Blocks of a pair that lie in radar shadow, from the scene of the first run; None, with a note, without it."""
+    import numpy as np
+
+    from sarmitsuba.analysis.labels import labels
+    from sarmitsuba.core.errors import SarmitsubaError
+    from sarmitsuba.signal.image import block_means
+    from sarmitsuba.view.page.run_folder import scene_of_run
+
+    try:
+        if not os.path.isdir(run):
+            raise SarmitsubaError("the first image is not in the folder of its run")
+        found = labels(scene_of_run(run), image=image, layers=["layover_shadow"])
+    except SarmitsubaError as error:
+        console.note(f"heights in radar shadow are not masked, they mean nothing there: {error}")
+        return None
+    (code,) = (k for k, name in found.layers["layover_shadow"].codes.items() if name == "shadow")
+    share = block_means((found["layover_shadow"] == code).astype(np.float64), pair.looks)
+    return np.asarray(share > IN_SHADOW)
 
 
 def _second(given: Path, first: "SarImage", channel: str | None, console: Console) -> tuple["SarImage", bool]:
@@ -173,7 +202,7 @@ def _target(args: argparse.Namespace) -> Path:
     return Path(args.output or (second if os.path.isdir(second) else second.parent))
 
 
-def _table(pair: "Interferogram", found: "HeightMap | None") -> list[str]:
+def _table(pair: "Interferogram", found: "HeightMap | None", shadow: "NDArray[np.bool_] | None") -> list[str]:
     """Text lines of the results."""
     import numpy as np
 
@@ -189,9 +218,11 @@ def _table(pair: "Interferogram", found: "HeightMap | None") -> list[str]:
         f"coherence         quartiles {quartiles[0]:.3f}, {quartiles[1]:.3f}, {quartiles[2]:.3f}",
     ]
     if found is not None:
-        sigma = float(np.median(found.sigma[coherence >= quartiles[1]]))
+        sigma = float(np.nanmedian(found.sigma[coherence >= quartiles[1]]))
+        share = 0.0 if shadow is None else float(shadow.mean())
+        unknown = f"; none (nan) in radar shadow, {100.0 * share:.1f} % of the blocks" if share else ""
         lines.append(
             f"height            of ambiguity {b.height_of_ambiguity:.4g} m; standard deviation {sigma:.3g} m in the "
-            "more coherent half"
+            f"more coherent half{unknown}"
         )
     return lines

@@ -8,6 +8,7 @@ import csv
 import dataclasses
 import hashlib
 import math
+import shlex
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -78,6 +79,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=int,
         metavar="N",
         help="largest number of bounces; 0 = automatic (default: the scene's)",
+    )
+    parser.add_argument(
+        "--only",
+        metavar="NAME",
+        help='one object of the scene alone, such as a car; a pattern such as "car*" takes several together',
     )
     parser.add_argument("--seed", type=int, help="random seed of the rays (default: the scene's)")
     parser.add_argument("--no-image", action="store_true", help="make no image, which takes most of the time")
@@ -235,7 +241,22 @@ def _scene(args: argparse.Namespace, console: Console) -> "Scene":
     scene = scene_of(args)
     changes = {"max_depth": args.max_depth, "seed": args.seed}
     settings = dataclasses.replace(scene.settings, **{k: v for k, v in changes.items() if v is not None})
-    return dataclasses.replace(scene, settings=settings)
+    scene = dataclasses.replace(scene, settings=settings)
+    return scene if args.only is None else _pick_object(scene, args.only, console)
+
+
+def _pick_object(scene: "Scene", name: str, console: Console) -> "Scene":
+    """The scene of one object alone, named after it."""
+    from sarmitsuba.analysis.label_classes import match_shapes, pick_shapes, shape_names
+
+    fitting = match_shapes(scene, name)
+    left = len(shape_names(scene)) - len(fitting)
+    said = ", ".join(fitting[:3]) + (f" and {len(fitting) - 3} more" if len(fitting) > 3 else "")
+    console.note(
+        f"{scene.name}: {said} alone, without {left} other object{'s' * (left != 1)}; `depth {scene.name} --only "
+        f"{shlex.quote(name)}` has its echoes in the scene"
+    )
+    return dataclasses.replace(pick_shapes(scene, name), name=f"{scene.name}, {name}")
 
 
 def _run_hash(scene: "Scene", args: argparse.Namespace, aspects: "Aspects") -> str:
@@ -353,7 +374,7 @@ def _image(
     from sarmitsuba.simulation.execution.render import render
     from sarmitsuba.simulation.execution.run import Run
     from sarmitsuba.simulation.execution.turntable import turntable_scene
-    from sarmitsuba.view.display import PictureOptions
+    from sarmitsuba.view.display import TURNTABLE, PictureOptions
     from sarmitsuba.view.quicklook import quicklook
 
     table = turntable_scene(scene, aspects, channels=channels, bandwidth=args.bandwidth or 0.0)
@@ -373,7 +394,8 @@ def _image(
             ready=ready,
         )
     image = dataclasses.replace(
-        image, metadata={"scene": scene.name, "look_side": table.radar.look_side, **image.metadata}
+        image,
+        metadata={"scene": scene.name, "look_side": table.radar.look_side, TURNTABLE: True, **image.metadata},
     )
     with folder.writing("image.h5") as path:
         write_image(image, path, format="hdf5")

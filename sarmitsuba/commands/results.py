@@ -14,6 +14,7 @@ import numpy as np
 
 from sarmitsuba import __version__
 from sarmitsuba.analysis.account import Account, StageTime, account
+from sarmitsuba.analysis.image_quality import describe_weak_echoes
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.image_arguments import PictureStyle
 from sarmitsuba.commands.label_files import PICTURES, label_names, save_labels
@@ -248,6 +249,8 @@ def store_image(
     console.say(f"errors: {'; '.join(map(str, parts))}")
     for text in found.advice:
         console.say(text)
+    for note in describe_weak_echoes(image):
+        console.note(f"{image.metadata.get('scene', 'image')}: {note}")
     failed: list[SarmitsubaError] = []
     with watch.stage("write image"):
         for entry, name in zip(formats.image, formats.names(raw=False), strict=True):

@@ -2,6 +2,7 @@
 
 import argparse
 import importlib.metadata
+import inspect
 import re
 import time
 from collections.abc import Sequence
@@ -53,7 +54,10 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
     entries = select(args.case, args.topic)
     if args.list:
-        console.say("\n".join(f"{entry.topic:<12} {entry.name}" for entry in entries))
+        width = max(len(entry.name) for entry in entries)
+        console.say(
+            "\n".join(f"{entry.topic:<12} {entry.name:{width}}  {_describe(entry)}" for entry in entries)
+        )
         return 0
     pages = re.compile(re.escape(PAGE))
     pictures = re.compile("|".join(re.escape(name) for name in map(_picture, CASES)))
@@ -67,6 +71,11 @@ def run(args: argparse.Namespace, console: Console) -> int:
                 into.adopt(names)
             into.check_names(names)
         return _validate(args, entries, folder, images, console)
+
+
+def _describe(entry: "CaseEntry") -> str:
+    """First line of the case's description."""
+    return (inspect.getdoc(entry.build) or "").partition("\n")[0]
 
 
 def _picture(entry: "CaseEntry") -> str:

@@ -19,7 +19,7 @@ from sarmitsuba.loading.collect import Collector
 from sarmitsuba.loading.elements import Element, walk
 from sarmitsuba.loading.mesh_files import MeshPart, read_parts
 from sarmitsuba.loading.names_of_materials import check_chosen
-from sarmitsuba.loading.shapes import MeshReader, Placed
+from sarmitsuba.loading.shapes import NUMBERED, MeshReader, Placed
 from sarmitsuba.loading.tables import SENSOR
 from sarmitsuba.scene.mesh.model_units import (
     LIKELY_WALL,
@@ -39,7 +39,7 @@ _GLTF = (".glb", ".gltf")
 _Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 # shapes that can be ground or stand on it, read in no time; ids of Blender's exporter; least cosine of a turned axis
 _FLAT = ("ply", "obj", "stl", "serialized", "rectangle", "cube")
-_EXPORTED = re.compile(r"elm__\d+$|mat-|mesh-")
+_EXPORTED = re.compile(rf"{NUMBERED.pattern}$|mat-|mesh-")
 _TURNED = 0.99
 
 
@@ -94,10 +94,18 @@ def upright(name: str, suffix: str, parts: list[MeshPart], options: MeshOptions)
     turn, said = _turn(suffix, parts, options)
     matrix = _scale(name, parts, turn, options) * turn
     span = np.ptp(np.concatenate([part.vertices @ matrix.T for part in parts]), axis=0)
+    unit = _describe_unit(options, "m as glTF has it" if suffix.lower() in _GLTF else "")
     return matrix, (
-        f"{name}: {said}, unit {options.unit if options.unit != 'auto' else 'm'}: {span[0]:.4g} m x "
-        f"{span[1]:.4g} m wide and {span[2]:.4g} m high (--up and --unit change that)"
+        f"{name}: {said}, unit {unit}: {span[0]:.4g} m x {span[1]:.4g} m wide and {span[2]:.4g} m high (--up and "
+        "--unit change that)"
     )
+
+
+def _describe_unit(options: MeshOptions, stated: str = "") -> str:
+    """The unit in words; ``stated``: the file's, if it says one."""
+    if options.unit != "auto":
+        return f"{options.unit} as asked"
+    return stated or "m, which the file does not say"
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,10 +175,9 @@ def describe_frame(
     """
     low, high = (np.array([getattr(s.vertices, e)(axis=0) for s in surfaces]) for e in ("min", "max"))
     span = high.max(axis=0) - low.min(axis=0)
-    unit = "m" if options.unit == "auto" else options.unit
     note = (
-        f"{label}: {frame.up}, unit {unit}: {span[0]:.4g} m x {span[1]:.4g} m wide and {span[2]:.4g} m high (--up and "
-        "--unit change that)"
+        f"{label}: {frame.up}, unit {_describe_unit(options)}: {span[0]:.4g} m x {span[1]:.4g} m wide and "
+        f"{span[2]:.4g} m high (--up and --unit change that)"
     )
     # wider ones are refused, or warned of, with the scene
     if (

@@ -1,6 +1,7 @@
 """Mesh files as triangles in float64."""
 
 import errno
+import re
 import struct
 from collections import Counter
 from collections.abc import Hashable, Iterator
@@ -18,6 +19,7 @@ from sarmitsuba.core.parameters import one_line
 from sarmitsuba.machine.encoding import json_value
 from sarmitsuba.machine.isolated import survive
 from sarmitsuba.machine.regular_files import check_regular, is_inside, read_bytes
+from sarmitsuba.scene.geometry import PART_MARK
 from sarmitsuba.scene.mesh.formats import ObjMesh, read_obj, read_ply, read_serialized
 
 if TYPE_CHECKING:
@@ -67,20 +69,22 @@ _NAMED_PARTS = (".glb", ".gltf")
 
 @dataclass(frozen=True, eq=False)
 class MeshPart:
-    """Triangles of a mesh file that share a material.
+    """Triangles of a mesh file that share an object and a material.
 
     Parameters
     ----------
-    name : of the part
+    name : of the part: its object, ``OBJECT/MATERIAL`` for one of several materials; the material without objects
     material : as the file names it; of a glTF part without one, the part's name; empty in files without names
     vertices : (n_v, 3) float64, unit and axes of the file, the file's transforms applied
     faces : (n_f, 3) int32
+    whole : object that it is a part of; empty where the file names none
     """
 
     name: str
     material: str
     vertices: F64
     faces: I32
+    whole: str = ""
 
 
 def read_mesh(path: Path, where: str) -> tuple[F64, I32]:
@@ -121,19 +125,33 @@ def read_parts(path: Path, where: str) -> list[MeshPart]:
 
 
 def _obj_parts(mesh: ObjMesh) -> list[MeshPart]:
-    """Parts of an obj file: the faces of every material with their vertices, in order of the names."""
-    order = np.argsort(mesh.group, kind="stable")
-    used, starts = np.unique(mesh.group[order], return_index=True)
+    """Parts of an obj file: the faces of every object and material with their vertices, in order of the names."""
+    pair = mesh.owner * (len(mesh.materials) + 1) + mesh.group + 1
+    order = np.argsort(pair, kind="stable")
+    used, starts = np.unique(pair[order], return_index=True)
+    owner, group = np.divmod(used, len(mesh.materials) + 1)
+    several = np.bincount(owner) > 1
     parts, taken = [], Counter[str]()
-    for group, rows in zip(used, np.split(order, starts[1:]), strict=True):
+    for o, g, rows in zip(owner, group - 1, np.split(order, starts[1:]), strict=True):
         corners, faces = np.unique(mesh.faces[rows], return_inverse=True)
-        material = mesh.materials[group] if group >= 0 else ""
-        name = (material if len(mesh.materials) > 1 else "") or mesh.objects[group] or "geometry"
+        material = mesh.materials[g] if g >= 0 else ""
+        whole = _clean(mesh.objects[o])
+        name = _name_part(whole, material if several[o] else "") or material or "geometry"
         taken[name] += 1
         name = f"{name}_{taken[name] - 1}" if taken[name] > 1 else name
         vertices, rest = mesh.vertices[corners], faces.reshape(-1, 3).astype(np.int32)
-        parts.append(MeshPart(name, material, vertices, rest))
+        parts.append(MeshPart(name, material, vertices, rest, whole))
     return sorted(parts, key=lambda part: part.name)
+
+
+def _clean(name: str) -> str:
+    """Name of an object without the mark of its parts."""
+    return name.replace(PART_MARK, " ")
+
+
+def _name_part(whole: str, material: str) -> str:
+    """Name of an object's part of a material; the object itself where it has one material."""
+    return f"{whole}{PART_MARK}{_clean(material) or 'no material'}" if whole and material else whole
 
 
 def _placed_parts(path: Path, where: str) -> list[MeshPart]:
@@ -142,20 +160,41 @@ def _placed_parts(path: Path, where: str) -> list[MeshPart]:
 
     loaded = _load(path)
     placed = _placements(loaded, path, where)
+    named = path.suffix.lower() in _NAMED_PARTS
+    whole_of, of_file = _nodes_of_file(loaded), {key: i for i, key in enumerate(loaded.geometry)}
+    nodes, several, taken = loaded.graph.transforms.node_data, Counter(whole_of.values()), Counter[str]()
     parts = []
-    for node in sorted(loaded.graph.nodes_geometry):
-        matrix, key = placed[node], loaded.graph.transforms.node_data[node].get("geometry")
-        mesh = loaded.geometry[key]
+
+    def by_file(node: Hashable) -> tuple[str, int]:
+        return str(whole_of[node]), of_file[nodes[node]["geometry"]]
+
+    for node in sorted(whole_of, key=by_file):
+        mesh = loaded.geometry[nodes[node]["geometry"]]
         if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
             continue  # lines and points
-        corners = np.array(mesh.vertices, dtype=np.float64)
+        matrix, corners = placed[node], np.array(mesh.vertices, dtype=np.float64)
         vertices = corners @ matrix[:3, :3].T + matrix[:3, 3]
         faces = _check_mesh(vertices, np.array(mesh.faces, dtype=np.int64), path, where)
-        material = getattr(getattr(mesh.visual, "material", None), "name", None)
-        if not material and path.suffix.lower() in _NAMED_PARTS:
-            material = node
-        parts.append(MeshPart(str(node), str(material or ""), vertices, faces))
+        whole = str(whole_of[node])
+        material = str(
+            getattr(getattr(mesh.visual, "material", None), "name", None) or (whole if named else "")
+        )
+        name = _name_part(_clean(whole), material if several[whole_of[node]] > 1 else "")
+        taken[name] += 1
+        name = f"{name}_{taken[name] - 1}" if taken[name] > 1 else name
+        parts.append(MeshPart(name, material, vertices, faces, _clean(whole) if named else ""))
     return parts
+
+
+def _nodes_of_file(loaded: "trimesh.Scene") -> dict[Hashable, Hashable]:
+    """Node of the file for every node with a mesh: trimesh makes one, with a random name, for each primitive."""
+    parents = {child: parent for parent, below in loaded.graph.transforms.children.items() for child in below}
+
+    def node_of_file(node: Hashable) -> Hashable:
+        parent = parents.get(node)
+        return parent if re.fullmatch(f"{re.escape(str(parent))}_\\w{{6}}", str(node)) else node
+
+    return {node: node_of_file(node) for node in loaded.graph.nodes_geometry}
 
 
 def _placements(loaded: "trimesh.Scene", path: Path, where: str) -> dict[Hashable, F64]:

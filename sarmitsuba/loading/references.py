@@ -21,6 +21,8 @@ from sarmitsuba.machine.regular_files import check_regular, is_inside, read_byte
 # bytes of a scene file
 LARGEST_SCENE = 1 << 28
 # tags that name a file or folder in an attribute "value" or "filename"
+# files of modellers, which have exports of their own
+_MODELS = (".blend", ".usd", ".usda", ".usdc", ".usdz", ".fbx", ".dae", ".3ds", ".skp")
 _PLACES = ("include", "path")
 _FILE_ATTRIBUTE = re.compile(rb"\bfilename\s*=")
 # largest nesting of elements: scenes have four or five; Mitsuba's parser is recursive, and its stack overflows
@@ -98,6 +100,10 @@ def read_scene_text(path: Path, *, strict: bool = False) -> SceneText:
     if reader.root not in ("scene", "") or (not reader.root and path.suffix.lower() != ".xml"):
         what = f"<{one_line(reader.root)}> is" if reader.root else "it is"
         name = one_line(path.name)
+        if path.suffix.lower() in _MODELS:
+            raise SceneError(
+                f"{name}: models of this format are not read; export it as glTF (.glb), in metres"
+            )
         raise SceneError(
             f"{name}: {what} not a scene; city data, terrain and meshes become one by python -m sarmitsuba import "
             f"{name} -o {one_line(path.stem)}.xml; echoes and images are read by the commands focus and view"

@@ -1,9 +1,10 @@
 """Shapes of a scene file as triangles in float64: mesh files read with trimesh, the others tessellated."""
 
 import os
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +15,7 @@ from sarmitsuba.core.parameters import did_you_mean, one_line
 from sarmitsuba.loading.attributes import corner_values
 from sarmitsuba.loading.elements import Element, Opaque, Property
 from sarmitsuba.loading.mesh_files import read_mesh, read_shape
+from sarmitsuba.scene.geometry import PART_MARK
 from sarmitsuba.scene.mesh import tessellate
 from sarmitsuba.scene.motion import STILL, Motion
 
@@ -40,6 +42,8 @@ SHAPE_PARAMETERS: dict[str, tuple[str, ...]] = {
     "instance": ("to_world", *_MOVING),
     "merge": _MOVING,
 }
+# ids that an exporter gives to shapes without one
+NUMBERED = re.compile(r"elm__\d+")
 _OBJECTS = ("bsdf", "shape", "emitter", "medium", "texture", "sensor", "volume")
 _MAX_NESTING = 16
 _IDENTITY = np.eye(4)
@@ -53,7 +57,7 @@ class Placed:
     Parameters
     ----------
     element : of a shape with a surface
-    name : its id, or a name made from plugin and number
+    name : see `name_shape`, with a number where it is taken
     to_world : (4, 4) float64, file frame
     motion : in the file frame, not turned by ``to_world``
     """
@@ -231,22 +235,10 @@ def mesh_path(element: Element) -> Path:
 
 
 def _expand(
-    element: Element, outer: F64, carried: Motion, taken: dict[str, int], depth: int
+    element: Element, outer: F64, carried: Motion, taken: dict[str, int], depth: int, whole: str = ""
 ) -> Iterator[Placed]:
     plugin = element.plugin
-    if plugin not in SHAPE_PARAMETERS:
-        known = ", ".join(SHAPE_PARAMETERS)
-        guess = did_you_mean(plugin, SHAPE_PARAMETERS)
-        raise SceneError(
-            f'{element.where}: shape type "{plugin}" is not supported{guess or f"; use one of {known}"}'
-        )
-    for name, value in element.given().items():
-        if name not in SHAPE_PARAMETERS[plugin] and not _is_object(value):
-            guess = did_you_mean(name, SHAPE_PARAMETERS[plugin])
-            known = ", ".join(SHAPE_PARAMETERS[plugin]) or "no parameters"
-            raise SceneError(
-                f'{element.where}: unknown parameter "{name}"{guess or f"; {plugin} knows {known}"}'
-            )
+    _check_parameters(element)
     if depth > _MAX_NESTING:
         raise SceneError(f"{element.where}: shapes are nested more than {_MAX_NESTING} deep; flatten them")
     matrix = outer
@@ -264,12 +256,63 @@ def _expand(
             raise SceneError(
                 f"{element.where}: {plugin} holds no shape; refer to a shapegroup with shapes in it"
             )
+        if plugin == "instance" and len(inner) > 1 and not whole:
+            whole = _number(_name_instance(element), taken)
         for part in inner:
-            yield from _expand(part, matrix, motion, taken, depth + 1)
+            yield from _expand(part, matrix, motion, taken, depth + 1, whole)
     elif plugin != "shapegroup":
-        name = element.id or plugin
-        taken[name] = taken.get(name, 0) + 1
-        yield Placed(element, name if taken[name] == 1 else f"{name}.{taken[name]}", matrix, motion)
+        name = name_shape(element)
+        name = f"{whole}{PART_MARK}{name.replace(PART_MARK, ' ')}" if whole else name
+        yield Placed(element, _number(name, taken), matrix, motion)
+
+
+def _check_parameters(element: Element) -> None:
+    """Raise a SceneError for an unknown shape or parameter."""
+    plugin = element.plugin
+    if plugin not in SHAPE_PARAMETERS:
+        known = ", ".join(SHAPE_PARAMETERS)
+        guess = did_you_mean(plugin, SHAPE_PARAMETERS)
+        raise SceneError(
+            f'{element.where}: shape type "{plugin}" is not supported{guess or f"; use one of {known}"}'
+        )
+    for name, value in element.given().items():
+        if name not in SHAPE_PARAMETERS[plugin] and not _is_object(value):
+            guess = did_you_mean(name, SHAPE_PARAMETERS[plugin])
+            known = ", ".join(SHAPE_PARAMETERS[plugin]) or "no parameters"
+            raise SceneError(
+                f'{element.where}: unknown parameter "{name}"{guess or f"; {plugin} knows {known}"}'
+            )
+
+
+def _number(name: str, taken: dict[str, int]) -> str:
+    """A name, from its second use on with a number."""
+    taken[name] = taken.get(name, 0) + 1
+    return name if taken[name] == 1 else f"{name}.{taken[name]}"
+
+
+def _name_instance(element: Element) -> str:
+    """Name of an instance of several shapes, which are parts of it: its id, or that of its group."""
+    ids = (element.id, *(group.id for group in element.of_kind("shape")), element.plugin)
+    return next(name for name in ids if name and not NUMBERED.fullmatch(name)).replace(PART_MARK, " ")
+
+
+def name_shape(element: Element) -> str:
+    """Name of a shape: its id, or its plugin without one; in place of an id by Blender's exporter the object's name.
+
+    The exporter numbers shapes (``elm__3``) and names mesh files ``OBJECT.ply``, or ``OBJECT-MATERIAL.ply`` for each of
+    several materials. The latter become ``OBJECT/MATERIAL``.
+    """
+    file = element.values.get("filename")
+    if not NUMBERED.fullmatch(element.id) or not isinstance(file, str):
+        return element.id or element.plugin
+    name = PurePosixPath(file).stem.replace(PART_MARK, " ")
+    for bsdf in element.of_kind("bsdf"):
+        material = bsdf.id.removeprefix("mat-")
+        whole, mark = name[: -len(material) - 1], name[-len(material) - 1 : -len(material) or None]
+        same = name[-len(material) :].replace(".", "_") == material.replace(".", "_")
+        if material and same and whole and mark == "-":
+            return f"{whole}{PART_MARK}{material.replace(PART_MARK, ' ')}"
+    return name or element.id
 
 
 def _is_object(value: object) -> bool:

@@ -1,6 +1,6 @@
 """Geometry of a scene: triangles and ideal points."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -113,20 +113,23 @@ class Geometry:
         """The geometry without ground without end, which lies behind all other meshes."""
         if not any(self.mesh_endless):
             return self
-        n = self.mesh_endless.index(True)
-        faces = self.faces[: self.mesh_face_offset[n]]
-        used, kept = np.unique(faces, return_inverse=True)
-        rows = slice(0, len(faces))
+        return self.pick_meshes(range(self.mesh_endless.index(True)))
+
+    def pick_meshes(self, meshes: Iterable[int]) -> "Geometry":
+        """The geometry of some meshes, by ascending numbers, without ground without end."""
+        picked = [i for i in meshes if not (i < len(self.mesh_endless) and self.mesh_endless[i])]
+        rows = np.flatnonzero(np.isin(self.face_mesh, picked))
+        used, kept = np.unique(self.faces[rows], return_inverse=True)
         return replace(
             self,
             vertices=self.vertices[used],
             faces=kept.reshape(-1, 3).astype(np.int32),
             face_material=self.face_material[rows],
             face_group=self.face_group[rows],
-            mesh_names=self.mesh_names[:n],
-            mesh_face_offset=self.mesh_face_offset[: n + 1],
-            mesh_convex=self.mesh_convex[:n],
-            mesh_motion=self.mesh_motion[:n],
+            mesh_names=tuple(self.mesh_names[i] for i in picked),
+            mesh_face_offset=np.concatenate([[0], np.cumsum(np.diff(self.mesh_face_offset)[picked])]),
+            mesh_convex=tuple(self.mesh_convex[i] for i in picked if i < len(self.mesh_convex)),
+            mesh_motion=tuple(self.mesh_motion[i] for i in picked if i < len(self.mesh_motion)),
             mesh_endless=(),
             corner_values={name: values[rows] for name, values in self.corner_values.items()},
         )

@@ -482,7 +482,7 @@ class ShownAxes:
                     "picture: an image in slant range has no axes of the scene, because range is no coordinate of it; "
                     "leave --axes out, or make the image on the ground (grid = ground)"
                 )
-            return ShownAxes("radar", (1.0, 0.0), (1.0, 0.0), "slant range (m)", "azimuth (m)")
+            return ShownAxes("radar", (1.0, 0.0), (1.0, 0.0), "slant range (m)", "azimuth from mid-track (m)")
         if frame == "radar":
             middle = "from the image's centre (m)"
             return ShownAxes("radar", (1.0, 0.0), (1.0, 0.0), f"ground range {middle}", f"azimuth {middle}")

@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
 from matplotlib.textpath import TextPath
+from matplotlib.ticker import LogFormatter
 from numpy.typing import NDArray
 
 from sarmitsuba.analysis.account import Account, likely_total_db
@@ -124,7 +125,7 @@ def _errors(axes: Axes, account: Account) -> None:
         axes.text(102.0, i, _value(part, share), fontsize=_SMALL, va="center", parse_math=False)
     axes.set_xlim(0.0, 100.0)
     axes.set_xlabel(
-        "share of the known error energy, %; light: bound, grey: law, red: contradicts its law",
+        "share of the known error energy, %; light: bound, grey: law, red: more than its law",
         fontsize=_SMALL,
         parse_math=False,
         loc="left",
@@ -164,7 +165,7 @@ def _share(part: ErrorPart, total_db: float) -> float:
 
 
 def _value(part: ErrorPart, share: float) -> str:
-    return part.value if not share else f"{part.value} ({_percent(share)})"
+    return part.value if not share else f"{_percent(share)}: {part.value}"
 
 
 def _percent(share: float) -> str:
@@ -209,6 +210,8 @@ def cost_figure(
     axes.axhline(target_db, color="C3", lw=0.8, ls="--", label=f"wanted: {target_db:g} dB")
     axes.plot(*chosen, "*", ms=14, color="C1", label="recommended")
     axes.set_xscale("log")
+    for axis_ticks in (axes.xaxis.set_major_formatter, axes.xaxis.set_minor_formatter):
+        axis_ticks(LogFormatter(minor_thresholds=(2.0, 0.5)))  # plain numbers
     axes.set_xlabel("processor time, whole scene (s)")
     axes.set_ylabel("error of the image (dB)")
     axes.set_title(title, parse_math=False)

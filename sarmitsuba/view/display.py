@@ -18,6 +18,8 @@ from sarmitsuba.signal.raw_data import Layer
 Quantity = Literal["sigma0", "gamma0", "beta0", "rcs", "amplitude", "phase"]
 QUANTITIES: tuple[str, ...] = get_args(Quantity)
 
+# entry of the metadata of images of a target on a turntable
+TURNTABLE = "turntable"
 LARGEST, SMALLEST = 1600, 640  # screen pixels of the longer side of a picture
 
 _LABELS: dict[str, str] = {
@@ -54,6 +56,8 @@ _CLUTTER_AT = 0.42
 _SPECKLE_BLOCK, _SPECKLE_CONTRAST, _SPECKLE_SHARE = 12, 1.6, 0.985
 # blocks along the longer side of a multilooked picture, most pixels along a side of a block, least span of the scale
 _LEAST_BLOCKS, _MOST_LOOKS, _LEAST_SPAN_DB = 200, 12, 10.0
+# slopes that turn away are 10 dB below level ground
+_BESIDE_DB = 20.0
 # share of the picture that may be white over clutter: facades of a dense city take 2 %, lines of side lobes 13 %
 _MOST_WHITE = 0.15
 # share of white pixels, and their level over what was taken for clutter, from which on that is side lobes of a body:
@@ -297,11 +301,15 @@ def _looks_of_speckle(image: SarImage, options: PictureOptions) -> tuple[int, in
 
 
 def _limits_of_means(values_db: F64, span_db: float) -> tuple[float, float]:
-    """Limits of multilooked power, dB: its 1st and 99.5th percentile, at least 10 dB and at most ``span_db`` apart."""
+    """Limits of multilooked power, dB: its 1st and 99.5th percentile, at least 10 dB and at most ``span_db`` apart.
+
+    Pixels beside the scene, and shadow, more than ``_BESIDE_DB`` below the median, are left out.
+    """
     finite = values_db[np.isfinite(values_db)]
     if not finite.size:
         return -span_db, 0.0
-    low, high = (float(value) for value in np.percentile(finite, (1.0, 99.5)))
+    shown = finite[finite > np.median(finite) - _BESIDE_DB]
+    low, high = (float(value) for value in np.percentile(shown, (1.0, 99.5)))
     middle = 0.5 * (low + high)
     low, high = min(low, middle - 0.5 * _LEAST_SPAN_DB), max(high, middle + 0.5 * _LEAST_SPAN_DB)
     return max(low, high - span_db), high
@@ -350,6 +358,11 @@ def _clutter_db(values_db: F64, known: bool | None) -> float | None:
 
 
 def has_clutter(image: SarImage) -> bool | None:
-    """Whether the scene scatters diffusely, as recorded by the simulation; None if not recorded."""
+    """Whether diffuse echoes fill the image, as recorded by the simulation; None if not recorded.
+
+    About a target on a turntable there are none: its side lobes alone.
+    """
+    if image.metadata.get(TURNTABLE) is True:
+        return False
     effect = image.metadata.get("effects", {}).get("effects", {}).get("diffuse", {})
     return bool(effect["on"]) if "on" in effect else None

@@ -94,7 +94,9 @@ def _heights(figure: Figure, axes: Axes, pair: Interferogram, map_: HeightMap) -
     shown = _show(axes, pair, z, cmap="viridis", vmin=float(low), vmax=float(high))
     figure.colorbar(shown, ax=axes, shrink=0.8)
     axes.set_title(
-        f"height (m)\ngrey: dark, or coherence below {LEAST_COHERENCE:g}", fontsize=9, parse_math=False
+        f"height (m)\ngrey: shadow, dark, or coherence below {LEAST_COHERENCE:g}",
+        fontsize=9,
+        parse_math=False,
     )
 
 

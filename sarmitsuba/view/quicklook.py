@@ -29,7 +29,15 @@ from sarmitsuba.core.witness import USELESS_DB, Witness
 from sarmitsuba.machine.atomic import atomic_path
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.image import ImageGrid, SarImage, ShownAxes
-from sarmitsuba.view.display import LARGEST, SMALLEST, Display, PictureOptions, prepare, screen_size
+from sarmitsuba.view.display import (
+    LARGEST,
+    SMALLEST,
+    TURNTABLE,
+    Display,
+    PictureOptions,
+    prepare,
+    screen_size,
+)
 from sarmitsuba.view.figure import PACKED, Figure, RoomyTicks
 from sarmitsuba.view.outlines import draw_outlines
 
@@ -37,13 +45,16 @@ _ARROW = {"arrowstyle": "-|>", "color": "black", "linewidth": 1.0, "shrinkA": 0,
 _NEEDLE = 20.0  # half the length of the arrows to the north and the east, screen pixels
 
 
-def draw_flight_and_look(figure: matplotlib.figure.Figure, look_side: str) -> None:
-    """Draw the directions of flight (up) and look (right) in the lower left corner."""
+def draw_flight_and_look(figure: matplotlib.figure.Figure, metadata: Mapping[str, object]) -> None:
+    """Draw the directions of flight (up) and look (right) in the lower left corner, by an image's metadata."""
     x, y, length = 18.0, 14.0, 26.0
     for tip in ((x, y + length), (x + length, y)):
         _arrow(figure, (x, y), tip)
-    _text(figure, (x + 5, y + length), "flight", va="top")
-    _text(figure, (x + length + 3, y), f"look {look_side}".rstrip(), va="center")
+    # a target on a turntable is flown past by no antenna
+    turns = metadata.get(TURNTABLE) is True
+    look = "from the radar" if turns else f"look {metadata.get('look_side', '')}".rstrip()
+    _text(figure, (x + 5, y + length), "radar moves" if turns else "flight", va="top")
+    _text(figure, (x + length + 3, y), look, va="center")
 
 
 def draw_north_and_east(figure: matplotlib.figure.Figure, grid: ImageGrid, x: float) -> None:
@@ -235,7 +246,7 @@ def quicklook(
     figure = _figure(whole + (_LEFT + plan + 20 if plan else 0), height + _BOTTOM + _TOP)
     axes = _axes(figure, left, _BOTTOM, width, height)
     picture = _draw(axes, display, image, options)
-    draw_flight_and_look(figure, str(image.metadata.get("look_side", "")))
+    draw_flight_and_look(figure, image.metadata)
     draw_north_and_east(figure, image.grid, left + width + 62.0)
     draw_scale_bar(figure, scale, left + width)
     _colour_bar(figure, picture, left + width + 18, _BOTTOM, height, display.label)
@@ -353,7 +364,7 @@ def quicklook_by_order(image: SarImage, options: PictureOptions | None = None, *
         )
         if i % columns:
             axes.set_ylabel("")
-    draw_flight_and_look(figure, str(image.metadata.get("look_side", "")))
+    draw_flight_and_look(figure, image.metadata)
     _colour_bar(figure, picture, columns * step_x + 28, bottom_edge, height, displays[0].label)
     return figure
 

@@ -143,6 +143,10 @@ def check_point(passes: int, one: SarImage, two: SarImage, point: F64, first: Sc
     both = interferogram(one, two, (1, 1))
     peak = np.unravel_index(int(np.argmax(both.powers[0])), both.grid.shape)
     found = height_map(both, lowest=-0.5 * both.baseline.height_of_ambiguity)
+    dark = np.ones(both.grid.shape, dtype=bool)
+    dark[peak] = False
+    masked = height_map(both, lowest=-0.5 * both.baseline.height_of_ambiguity, shadow=dark)
+    assert np.array_equal(masked.points[peak], found.points[peak]) and np.isnan(masked.z[dark]).all()
     missed = found.points[peak] - point
     antenna = both.views[0].look(point[None])
     sight = antenna.gradient(point[None])[0]

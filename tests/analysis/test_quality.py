@@ -11,7 +11,14 @@ import numpy as np
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.analysis.image_quality import Area, contrast, entropy, image_quality, spectral_looks
+from sarmitsuba.analysis.image_quality import (
+    Area,
+    contrast,
+    describe_weak_echoes,
+    entropy,
+    image_quality,
+    spectral_looks,
+)
 from sarmitsuba.analysis.point_quality import KnownPoint, window_irw
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.radar.image_request import ImageRequest
@@ -347,3 +354,44 @@ def test_a_point_of_the_scene_has_its_part_of_a_compact_channel(channel: str, fa
     assert found.phase_error == pytest.approx(expected.phase_error, abs=1e-5)
     cross = dataclasses.replace(linear, layers=(Layer("HV"),))
     assert math.isnan(image_quality(cross).points[0].rcs_error_db)  # nothing to compare with
+
+
+@pytest.mark.parametrize(("ground_db", "said"), [(6.0, False), (-6.0, True)])
+def test_ground_below_the_noise_is_said(ground_db: float, said: bool) -> None:
+    rng = np.random.default_rng(4)
+    request = ImageRequest(extent_azimuth=60.0, extent_range=60.0)
+    image = noise_image(request)
+    noise = image.metadata["focus"]["nesz"]
+    ground = rng.normal(size=image.data.shape) + 1j * rng.normal(size=image.data.shape)
+    level = np.sqrt(0.5 * noise * 10.0 ** (0.1 * ground_db) * image.cell_area)
+    known = {**image.metadata, "effects": {"effects": {"diffuse": {"on": True}}}}
+    shown = dataclasses.replace(
+        image, data=(image.data + level * ground).astype(np.complex64), metadata=known
+    )
+    notes = describe_weak_echoes(shown)
+    assert bool(notes) is said
+    if said:
+        assert "below the noise, NESZ" in notes[0]
+    patch = image.data * np.float32(5.0)  # 14 dB over the noise, on a seventh of the image
+    patch[:, :, image.grid.shape[1] // 7 :] = image.data[:, :, image.grid.shape[1] // 7 :]
+    assert not describe_weak_echoes(dataclasses.replace(shown, data=patch))
+    bare = {**known, "effects": {"effects": {"diffuse": {"on": False}}}}  # targets without ground
+    assert not describe_weak_echoes(dataclasses.replace(shown, metadata=bare))
+
+
+@pytest.mark.parametrize("noisy", [False, True])
+def test_an_empty_channel_is_said(noisy: bool) -> None:
+    image = noise_image(ImageRequest(extent_azimuth=60.0, extent_range=60.0))
+    data = np.stack([100.0 * image.data[0], image.data[0] * (1.0 if noisy else 1e-6)])
+    facts = (
+        image.metadata["focus"]
+        if noisy
+        else {k: v for k, v in image.metadata["focus"].items() if k != "nesz"}
+    )
+    both = dataclasses.replace(
+        image, data=data, layers=(Layer("VV"), Layer("HV")), metadata={**image.metadata, "focus": facts}
+    )
+    (note,) = describe_weak_echoes(both)
+    assert note.startswith(f"HV: no echo, {'noise' if noisy else 'rounding'} alone")
+    even = dataclasses.replace(both, data=np.stack([100.0 * image.data[0]] * 2))
+    assert not describe_weak_echoes(even)

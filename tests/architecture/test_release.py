@@ -12,9 +12,11 @@ from packaging.version import Version
 from sarmitsuba.files.table_file import read_table
 from sarmitsuba.version import __version__
 from tools.release import (
+    REPOSITORY,
     ReleaseError,
     cut_changelog,
     cut_citation,
+    cut_limits,
     lock_of,
     pack_site,
     python_blocks,
@@ -62,6 +64,36 @@ def test_the_citation_has_version_and_day() -> None:
     assert cut_citation(text, "1.3.0", "2027-01-01").count("date-released") == 1
     with pytest.raises(ReleaseError, match="no line version"):
         cut_citation("a: b\n", "1.2.0", "2026-03-04")
+
+
+def test_the_known_limits_are_a_page() -> None:
+    text = cut_changelog(CHANGES, "1.2.0", "2026-03-04")
+    with pytest.raises(ReleaseError, match=re.escape('1.2.0 has no "### Known limits"')):
+        cut_limits(text, "1.2.0", "https://x")
+    text = text.replace(
+        "- A thing.\n", "- A thing.\n\n### Known limits\n\n- Flat ([why](docs/physics.md#b)).\n"
+    )
+    assert cut_limits(text, "1.2.0", "https://x") == (
+        "# Known limits of sarmitsuba 1.2.0\n\n- Flat ([why](https://x/blob/v1.2.0/docs/physics.md#b)).\n"
+    )
+    with pytest.raises(ReleaseError):  # the section of another version is not this one's
+        cut_limits(text, "1.1.0", "https://x")
+    urls = read_table(ROOT / "pyproject.toml", "a project", 1 << 20)["project"]
+    assert isinstance(urls, dict) and urls["urls"]["Homepage"] == REPOSITORY
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    if f"## Unreleased: {__version__}" in changes:
+        changes = cut_changelog(changes, __version__, "2026-03-04")
+    assert cut_limits(changes, __version__, REPOSITORY).count("\n- ") >= 3
+
+
+def test_the_extra_all_holds_what_a_user_may_want() -> None:
+    """Every extra but those for tests, documentation and references that the repository holds ready made."""
+    project = read_table(ROOT / "pyproject.toml", "a project", 1 << 20)["project"]
+    assert isinstance(project, dict)
+    extras = project["optional-dependencies"]
+    (whole,) = (Requirement(text) for text in extras["all"])
+    ours = {"all", "dev", "docs", "full-wave", "independent", "peers", "scenes-build", "test"}
+    assert whole.name == "sarmitsuba" and whole.extras == set(extras) - ours
 
 
 def test_the_site_is_packed(tmp_path: Path) -> None:

@@ -75,3 +75,20 @@ def test_what_makes_no_pair_is_one_line(pair: Path, tmp_path: Path, capsys: Any)
     assert cli.main(["insar", "point", "-o", str(tmp_path / "x"), "--days", "nan"]) == 2
     assert "--days nan is not between 0 and 100000 days" in capsys.readouterr().err
     assert not (tmp_path / "x").exists()
+
+
+@pytest.mark.slow
+def test_there_are_no_heights_in_radar_shadow(tmp_path: Path, capsys: Any) -> None:
+    """Behind the tower side lobes alone are left: their phase gave heights of 30 m."""
+    coarse = ["-D", "sar_antenna.azimuth_resolution=1", "-D", "sar_antenna.bandwidth=150e6"]
+    assert cli.main(["insar", "tower", "-o", str(tmp_path / "out"), *coarse]) == 0
+    assert "none (nan) in radar shadow" in capsys.readouterr().out
+    with np.load(tmp_path / "out" / "heights.npz") as arrays:
+        z = arrays["points"][..., 2]
+    behind = z[:, z.shape[1] // 2 + 1 :]  # of the tower, on level ground
+    # tol: side lobes of the line at its foot; the heights in shadow were 24 to 30 m
+    assert 0.05 < np.isnan(z).mean() < 0.2 and np.nanmax(np.abs(behind)) < 3.0
+    (tmp_path / "out" / "first" / "parameters.json").unlink()
+    pair = [str(tmp_path / "out" / name) for name in ("first", "second")]
+    assert cli.main(["interferogram", *pair, "-o", str(tmp_path / "again")]) == 0
+    assert "heights in radar shadow are not masked" in capsys.readouterr().err

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from sarmitsuba.analysis.label_classes import pick_shapes
 from sarmitsuba.cli import main
 from sarmitsuba.files import read_image
+from sarmitsuba.loading.load import load_scene
 from sarmitsuba.truth.theory.canonical_rcs import plate_amplitude
 
 
@@ -57,6 +59,25 @@ def test_sweep_writes_table_plot_image_and_record(tmp_path: Path, capsys: pytest
     assert main(arguments) == 2 and "--force" in capsys.readouterr().err
     assert main([*arguments, "--force", "--no-image"]) == 0
     assert not (out / "image.h5").exists() and len(table(out)["azimuth_deg"]) == 21
+
+
+def test_one_object_of_a_scene_is_that_alone(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    scene = pick_shapes(load_scene("car_park"), "car.2")
+    assert scene.geometry.mesh_names == ("car.2/body", "car.2/windows") and not scene.scatterers
+    # tol: a car is 4.5 m long
+    assert np.ptp(scene.geometry.vertices, axis=0).max() < 5.0
+    assert main(["rcs", "car_park", "--only", "car.99", "-o", str(tmp_path / "b")]) == 2
+    assert 'no object "car.99"; did you mean' in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_an_object_on_ground_without_end_has_a_cross_section(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ["--azimuth", "0:20:10", "--pol", "VV", "--no-image", "--band", "L", "-o"]
+    assert main(["rcs", "car_park", "--only", "car.2", *asked, str(tmp_path / "a")]) == 0
+    assert "car.2 alone, without 36 other objects" in capsys.readouterr().err
+    assert np.isfinite(table(tmp_path / "a")["VV_dbsm"]).all()
 
 
 def test_the_page_says_the_error_that_the_terminal_says(

@@ -513,6 +513,26 @@ def test_folder_of_meshes(tmp_path: Path) -> None:
     assert scene.geometry.n_faces == 26
 
 
+def test_objects_of_meshes_stay_apart(tmp_path: Path) -> None:
+    """All walls of a town became one shape; a folder's files are objects where they name none."""
+    from tests.loading.test_mesh_readers import TWO_HOUSES
+
+    folder = tmp_path / "city"
+    folder.mkdir()
+    (folder / "town.obj").write_text(TWO_HOUSES)
+    (folder / "shed.obj").write_text("v 0 0 0\nv 0 1 0\nv 1 0 4\nf 1 2 3\n")
+    import_scene(folder, tmp_path / "city.xml", ImportOptions(up="z"))
+    geometry = load_scene(tmp_path / "city.xml", radar="airborne_x").geometry
+    assert set(geometry.mesh_names) == {
+        "Haus 1/brick",
+        "Haus 1/tiles",
+        "Haus 2 alt/brick",
+        "Haus 3/brick",
+        "shed/shed",
+    }
+    assert set(geometry.object_names) == {"Haus 1", "Haus 2 alt", "Haus 3", "shed"}
+
+
 def test_materials_units_and_outlines_of_parts(tmp_path: Path) -> None:
     tags = {"building:material": "brick", "height": "40 ft"}
     block, half = shapely.box(0, 0, 20, 20), shapely.box(0, 0, 20, 10)

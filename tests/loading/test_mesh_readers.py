@@ -229,3 +229,50 @@ def test_gltf_nested_too_deeply_is_refused_by_its_reason(tmp_path: Path) -> None
     path.write_text('{"asset": {"version": "2.0"}, "x": ' + "[" * 100_000 + "]" * 100_000 + "}")
     with pytest.raises(SceneError, match=r"deep\.gltf is malformed: its entries are nested too deeply"):
         read_parts(path, "scene")
+
+
+TWO_HOUSES = """o Haus 1
+v 0 0 0
+v 10 0 0
+v 10 0 8
+v 0 9 8
+usemtl brick
+f 1 2 3
+usemtl tiles
+f 1 3 4
+o Haus 2/alt
+usemtl brick
+f 2 3 4
+o Haus 3
+usemtl brick
+f 1 2 4
+"""
+
+
+@pytest.mark.parametrize("mark", ["o", "g"])
+def test_parts_of_obj_files_are_objects_by_material(tmp_path: Path, mark: str) -> None:
+    """They were joined by material: a town had no houses."""
+    (tmp_path / "town.obj").write_text(TWO_HOUSES.replace("o Haus", f"{mark} Haus"))
+    parts = read_parts(tmp_path / "town.obj", "town")
+    assert [(p.name, p.whole, p.material) for p in parts] == [
+        ("Haus 1/brick", "Haus 1", "brick"),
+        ("Haus 1/tiles", "Haus 1", "tiles"),
+        ("Haus 2 alt", "Haus 2 alt", "brick"),
+        ("Haus 3", "Haus 3", "brick"),
+    ]
+
+
+def test_primitives_of_a_gltf_node_are_parts_of_one_object(tmp_path: Path) -> None:
+    """Their names had random ends, so that each reading named and ordered them anew."""
+    path = tmp_path / "a.gltf"
+    _write_gltf(path, [0, 1], np.zeros((3, 3)))
+    whole = json.loads(path.read_text())
+    whole["meshes"][0]["primitives"] = [
+        {**whole["meshes"][0]["primitives"][0], "material": m} for m in (0, 1)
+    ]
+    whole["materials"] = [{"name": "tin"}, {"name": "brick"}]
+    path.write_text(json.dumps(whole))
+    parts = read_parts(path, "a")
+    assert [(p.name, p.whole) for p in parts] == [
+        (f"n{i}/{material}", f"n{i}") for i in range(3) for material in ("tin", "brick")
+    ]

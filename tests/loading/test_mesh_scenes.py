@@ -215,12 +215,13 @@ def test_scenes_with_y_up_are_turned_where_that_is_sure(tmp_path: Path, seed: in
         path, truth = made_for_light(tmp_path, seed, style)
         scene = load_scene(path, radar=RADAR)
         check_shapes(scene, truth)
-        assert any('scene.xml: y up by its ground "elm__0", unit m: ' in note for note in scene.notes)
+        said = 'scene.xml: y up by its ground "Körper_0 (0)", unit m, which the file does not say: '
+        assert any(said in note for note in scene.notes)
         check_shapes(load_scene(path, radar=RADAR, mesh=MeshOptions(up="y", unit="cm")), truth, 0.01)
         path, truth = made_for_light(tmp_path, seed, style, y_up=False)
         scene = load_scene(path, radar=RADAR)
         check_shapes(scene, truth)
-        assert any("scene.xml: z up, unit m: " in note for note in scene.notes)
+        assert any("scene.xml: z up, unit m, which the file does not say: " in note for note in scene.notes)
 
 
 @pytest.mark.filterwarnings("ignore:.*has no radar parameters:sarmitsuba.core.errors.SarmitsubaWarning")
@@ -240,7 +241,7 @@ def test_scenes_that_only_look_like_y_up_are_asked_about(tmp_path: Path, seed: i
     path, truth = made_for_light(tmp_path, seed, "blender")
     path.write_text(path.read_text().replace('<sensor type="perspective"/>', '<sensor type="sar_antenna"/>'))
     with pytest.warns(
-        SarmitsubaWarning, match=r'is y up\? "elm__0" looks like ground below all else; give --up y'
+        SarmitsubaWarning, match=r'is y up\? "Körper_0 \(0\)" looks like ground below all else; give --up y'
     ):
         load_scene(path)
     check_shapes(load_scene(path, mesh=MeshOptions(up="y")), truth)
@@ -406,6 +407,28 @@ def test_a_material_alone_is_that_of_all_names(tmp_path: Path) -> None:
     )
 
 
+def test_shapes_that_blender_numbers_have_the_names_of_its_objects(tmp_path: Path) -> None:
+    """Ids ``elm__N``; a house of two materials is one object, and one whose name only looks so is another."""
+    files = {
+        "Plane": "Lawn",
+        "House_001-Brick wall.003": "Brick wall_003",
+        "House_001-Tin": "Tin",
+        "Shed-old": "Tin",
+    }
+    shapes = ""
+    for i, (name, material) in enumerate(files.items()):
+        trimesh.creation.box((3.0, 4.0, 5.0)).export(tmp_path / f"{name}.ply")
+        shapes += f'<shape type="ply" id="elm__{10 + i}"><string name="filename" value="{name}.ply"/>'
+        shapes += f'<ref id="mat-{material}"/></shape>'
+    materials = "".join(PRINCIPLED.format(name=one, metallic=0.0) for one in dict.fromkeys(files.values()))
+    (tmp_path / "scene.xml").write_text(EXPORTED.format(materials=materials, shapes=shapes))
+    with pytest.warns(SarmitsubaWarning):
+        scene = load_scene(tmp_path / "scene.xml", radar=RADAR)
+    names = scene.geometry.mesh_names
+    assert names == ("Plane", "House_001/Brick wall_003", "House_001/Tin", "Shed-old")
+    assert scene.geometry.object_names == ("Plane", "House_001", "Shed-old")
+
+
 def test_a_lone_body_is_told_of_ground(tmp_path: Path) -> None:
     """A box without ground, not a town that stands on some, nor one with --ground."""
     body = trimesh.creation.box((10.0, 8.0, 12.0))
@@ -471,6 +494,7 @@ def test_what_blender_exports_is_read_without_options(tmp_path: Path) -> None:
         scene = load_scene(path, radar=RADAR)
     low, high = scene.geometry.bounds + scene.offset
     np.testing.assert_allclose([low, high], [[-40, -40, 0], [40, 40, 12]], atol=1e-5)  # tol: float32 meshes
+    assert scene.geometry.mesh_names == ("elm__Plane", "elm__Cube_001", "elm__Car")
     lawn, brick, metal = scene.materials
     assert lawn.diffuse_law == "constant_gamma" and brick.diffuse_law == "lambert"
     assert metal.metallic and not brick.metallic and not lawn.metallic

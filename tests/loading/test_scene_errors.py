@@ -363,6 +363,13 @@ def test_a_binary_file_is_named_what_it_is_not(tmp_path: Path, suffix: str) -> N
         load_scene(tmp_path / f"hill{suffix}")
 
 
+@pytest.mark.parametrize("name", ["town.blend", "town.usdc", "town.dae"])
+def test_a_modellers_file_is_told_of_gltf(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"<COLLADA/>" if name.endswith("dae") else b"BLENDER\x00")
+    with pytest.raises(SceneError, match=rf"{name}: models of this format are not read; export it as glTF"):
+        load_scene(tmp_path / name)
+
+
 def test_a_scene_of_any_suffix_is_in_utf_8(tmp_path: Path) -> None:
     (tmp_path / "scene.txt").write_bytes(
         b'<?xml version="1.0" encoding="utf-16"?><scene version="3.0.0"></scene>'

@@ -141,6 +141,19 @@ def test_instances_stand_where_they_are_put(tmp_path: Path) -> None:
     np.testing.assert_allclose([b.min(0), b.max(0)], [[9, -1, 0], [11, 1, 2]])
 
 
+def test_instances_of_several_shapes_are_objects_of_parts(tmp_path: Path) -> None:
+    """A car of a body and windows was two shapes that nothing joined."""
+    body = (
+        f'<shape type="shapegroup" id="car"><shape type="cube" id="body">{PEC}</shape>'
+        f'<shape type="cube" id="roof">{PEC}</shape></shape>'
+        '<shape type="instance"><ref id="car"/></shape><shape type="instance" id="taxi"><ref id="car"/></shape>'
+        '<shape type="instance"><ref id="car"/></shape>'
+    )
+    geometry = load_scene(scene_file(tmp_path, body)).geometry
+    assert geometry.object_names == ("car", "taxi", "car.2")
+    assert geometry.mesh_names[2:] == ("taxi/body", "taxi/roof", "car.2/body", "car.2/roof")
+
+
 def test_more_triangles_than_the_memory_holds_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -36,7 +36,7 @@ CASES = [
 
 
 # omega-K moves echoes as at the middle of the image; with a wandering track that is -39 dB where -43 are foretold
-@pytest.mark.filterwarnings("ignore:.*the image of focuser omega_k errs by -3")
+@pytest.mark.filterwarnings("ignore:.*the image of focuser omega_k has an error of -3")
 @pytest.mark.parametrize(("method", "mode", "clutter"), CASES)
 def test_the_peak_that_is_lost_comes_back(method: str, mode: str, clutter: bool) -> None:
     one = case(mode, clutter, seed=len(method) + len(mode) + clutter)

@@ -129,7 +129,8 @@ def test_the_witness_is_the_true_error(mode: str, name: str) -> None:
 def test_a_law_that_is_wrong_is_contradicted_in_one_line() -> None:
     raw, grid = small()
     with pytest.warns(
-        SarmitsubaWarning, match=r"focuser wrong errs by -3\d\.\d dB, .*stated -60.*take focuser back"
+        SarmitsubaWarning,
+        match=r"focuser wrong has an error of -3\d\.\d dB, .*expected -60.*take focuser back",
     ):
         image = focus(raw, grid, focuser=_Wrong(factor=1.02))
     assert image.metadata["focus"]["witness"]["law_db"] == -60.0
@@ -138,7 +139,7 @@ def test_a_law_that_is_wrong_is_contradicted_in_one_line() -> None:
 @pytest.mark.parametrize("factor", [-1.0, 30.0])
 def test_a_useless_image_is_refused_and_what_works_is_named(factor: float) -> None:
     raw, grid = small()
-    with pytest.raises(DataError, match=r"errs by .* dB.*no use; take focuser backprojection$"):
+    with pytest.raises(DataError, match=r"an error of .* dB.*no use; take focuser backprojection$"):
         focus(raw, grid, focuser=_Wrong(factor=factor))
 
 
@@ -159,7 +160,7 @@ def test_errors_of_the_edge_and_of_one_channel_are_seen() -> None:
     raw, grid = small()
     two = replace(raw, data=np.concatenate([raw.data] * 2), layers=(Layer("VV"), Layer("HH")))
     for focuser in (_Wrong(factor=0.5, rows=2), _Wrong(factor=1.01, channel=1)):
-        with pytest.warns(SarmitsubaWarning, match="stated -60"):
+        with pytest.warns(SarmitsubaWarning, match="expected -60"):
             focus(two, grid, focuser=focuser)
 
 

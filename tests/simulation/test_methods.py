@@ -57,6 +57,21 @@ def test_points_match_the_focused_image(parameters: dict[str, str], windows: dic
     assert np.array_equal(quick.grid.range, exact.grid.range)
 
 
+@pytest.mark.parametrize("name", ["flat_ground", "dihedral", "courtyard", "tower"])
+def test_every_ray_spacing_that_a_run_advises_changes_its_rays(name: str) -> None:
+    """Rays for one kind of return (diffuse, coherent), one lattice for both, and two lattices."""
+    scene = load_scene(name)
+    plan = SamplingPlan.of(scene, plan_scene(scene, pilot=False).flags)
+    denser = plan.spacings.at(0.5)
+
+    def lattices(**spacings: float) -> object:
+        changed = replace(scene, settings=replace(scene.settings, **spacings))  # type: ignore[arg-type]
+        return plan.obeying(changed, plan.flags).purposes()
+
+    for setting in denser:
+        assert lattices(**{k: v for k, v in denser.items() if k != setting}) != lattices(**denser), setting
+
+
 def test_patterned_stripmap_has_apertures_of_its_pixels() -> None:
     # Rationale: with a beam fixed to the track every pixel has an aperture of its own, about its own broadside.
     scene = points_only(

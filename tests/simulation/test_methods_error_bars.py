@@ -77,6 +77,20 @@ def test_orders_are_summed_and_channels_kept_apart() -> None:
     assert set(bars.as_dict()) == {"HH", "VV"}
 
 
+def test_a_channel_of_rounding_has_no_error() -> None:
+    """HV of ground without a cross-polar return stated 3 dB: rays were halved, and the image was "not usable"."""
+    data, layers, _ = subsets(0.1)
+    planes = np.stack([data[0], 1e-6 * data[1], data[1], -2e-6 * data[0]])
+    names = tuple(Layer(c, 0, h) for h in (1, 2) for c in ("VV", "HV"))
+    bars = estimate_error(planes, names)
+    assert bars.channels == ("VV",) and bars.per_pixel.shape[0] == 1
+    assert bars.error_db == estimate_error(data, layers).error_db
+    both = estimate_pass_error(planes[:2] * 0.1, planes[:2], ("VV", "HV"), 0.5)
+    assert both.channels == ("VV",) and len(both.error_db) == 1
+    silent = estimate_error(np.zeros_like(planes), names, pixels=False)
+    assert silent.channels == ("VV", "HV")
+
+
 @pytest.mark.parametrize("levels", [(0, 1), (0, 1, 2, 3), (0, 0, 0), (0, 1, 1)])
 def test_passes_state_the_error_of_their_mean(levels: tuple[int, ...]) -> None:
     """Passes whose errors are independent and fall as their rays: the stated error is the true one, and the constant.

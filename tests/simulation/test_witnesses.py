@@ -84,7 +84,7 @@ def test_an_error_alike_on_both_sides_of_a_boundary_is_seen(monkeypatch: pytest.
         shared = simulate(scene_of("tower", key_pulse_interval=60))
     found = shared.metadata["witnesses"]["blocks"]
     assert found["law_db"] + 3.0 < found["error_db"] and -16.0 < found["error_db"] < -3.0
-    assert any("blocks of pulses have an error" in str(w.message) for w in caught)
+    assert any("error by blocks of pulses is" in str(w.message) for w in caught)
 
 
 def test_short_runs_without_error_bars_take_no_witness() -> None:
@@ -115,6 +115,8 @@ def test_rays_are_halved_where_both_measures_say_that_they_are_too_wide() -> Non
     assert halved is not None and halved.halvings == 1
     assert halved_plan(halved, rays, Witness(-5.0, -5.0, 1, -8.0)) is None  # once
     assert plan(-5.0, -20.0) is None and plan(-20.0, -8.0) is None and plan(-5.0, np.nan) is None
+    diffuse = [[replace(grid, purpose="diffuse") for grid in grids] for grids in rays]
+    assert halved_plan(run.sampling, diffuse, Witness(-5.0, -5.0, 1, -8.0)) is None
     chosen = replace(run.scene, settings=replace(run.scene.settings, ray_spacing=0.1))
     assert halved_plan(replace(run.sampling, scene=chosen), rays, Witness(-5.0, -5.0, 1, -8.0)) is None
 

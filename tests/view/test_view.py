@@ -7,13 +7,13 @@ import matplotlib.image
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from matplotlib.text import Text
+from matplotlib.text import Annotation, Text
 from scipy.signal import windows
 
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw_data import Layer
-from sarmitsuba.view.display import QUANTITIES, PictureOptions, limits_db, prepare, screen_size
+from sarmitsuba.view.display import QUANTITIES, TURNTABLE, PictureOptions, limits_db, prepare, screen_size
 from sarmitsuba.view.profile import cut_profile, profile
 from sarmitsuba.view.quicklook import (
     bounce_orders,
@@ -299,7 +299,7 @@ def test_profile_runs_through_the_peak() -> None:
     assert position[values.argmax()] == 9000.0 + 11 * 0.25
     assert values.max() == pytest.approx(40.0, abs=1e-5)  # tol: float32 rounding
     assert cut_profile(image, "azimuth")[2] == 9000.0 + 11 * 0.25
-    assert profile(image, "azimuth").axes[0].get_xlabel() == "azimuth (m)"
+    assert profile(image, "azimuth").axes[0].get_xlabel() == "azimuth from mid-track (m)"
     with pytest.raises(DataError, match="outside the image, 0 to"):
         cut_profile(image, "range", at=99.0)
 
@@ -316,6 +316,24 @@ def test_a_lone_body_is_not_white_over_its_side_lobes(seed: int) -> None:
     # tol: the 98th percentile; over side lobes a fifth of the pixels would be white
     assert np.mean(values > high) < 0.025
     assert low < np.median(values[40:80, 30:150]) < high
+
+
+def test_a_target_on_a_turntable_is_scaled_by_itself() -> None:
+    """Side lobes about a car took most of the picture of `rcs`, which was scaled by them: the car was white."""
+    rng = np.random.default_rng(1)
+    image = make_image(120, 200, (0.1, 0.1))
+    power = 1e-6 * rng.exponential(1.0, (120, 200))
+    power[50:70, 80:130] = rng.exponential(1.0, (20, 50))
+    image.data[0] = np.sqrt(power)
+    known = {"effects": {"effects": {"diffuse": {"on": True}}}, TURNTABLE: True}
+    shown = prepare(dataclasses.replace(image, metadata=known), PictureOptions(), 1600)
+    # tol: white is the 99.9th percentile
+    assert np.mean(shown.values > shown.limits[1]) < 0.0015
+    plain = prepare(dataclasses.replace(image, metadata={**known, TURNTABLE: False}), PictureOptions(), 1600)
+    assert np.mean(plain.values > plain.limits[1]) > 0.02
+    drawn = quicklook(dataclasses.replace(image, metadata=known)).artists
+    texts = [one.get_text() for one in drawn if isinstance(one, Annotation)]
+    assert "radar moves" in texts and "flight" not in texts
 
 
 def hill(n_azimuth: int, n_range: int, seed: int) -> SarImage:
@@ -344,6 +362,15 @@ def test_terrain_is_multilooked_and_scaled_to_its_slopes(seed: int) -> None:
     assert one.averaged == (1, 1) and not one.multilooked
     assert prepare(image, PictureOptions(limits=(-40.0, 3.0)), 1600).limits == (-40.0, 3.0)
     assert prepare(image, PictureOptions(quantity="phase"), 1600).averaged == (1, 1)
+
+
+def test_what_lies_beside_terrain_does_not_darken_its_scale() -> None:
+    """A map's edge on 4 % of the picture set black to -44 dB: a hill of 10 dB was light grey."""
+    image = hill(1300, 900, 0)
+    before = prepare(image, PictureOptions(), 1600).limits
+    image.data[0, -52:] *= np.float32(0.02)
+    # tol: percentiles of 4 % fewer pixels
+    assert prepare(image, PictureOptions(), 1600).limits == pytest.approx(before, abs=0.5)
 
 
 def test_a_city_and_a_small_image_keep_their_pixels() -> None:

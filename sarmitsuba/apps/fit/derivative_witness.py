@@ -152,9 +152,9 @@ def warn_of(name: str, found: Mapping[str, Witness]) -> None:
     for kind, witness in found.items():
         if witness.contradicts:
             warnings.warn(
-                f"{name}: derivatives by {kind} are off by {witness.error_db:.0f} dB of themselves in a central "
-                f"difference of plain runs, where {witness.law_db:.0f} dB are stated; leave {kind} out, or take denser "
-                "rays (ray_spacing, diffuse_ray_spacing) or shorter blocks (key_pulse_interval)",
+                f"{name}: derivatives by {kind} have an error of {witness.error_db:.0f} dB, measured here against "
+                f"a difference of plain runs; a formula expected {witness.law_db:.0f} dB. Leave {kind} out, or take "
+                "denser rays (ray_spacing, diffuse_ray_spacing) or shorter blocks (key_pulse_interval)",
                 SarmitsubaWarning,
                 stacklevel=3,
             )

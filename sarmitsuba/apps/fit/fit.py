@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
@@ -137,7 +138,8 @@ class Fit:
         for name, start, value, sigma, bound, share in zip(
             self.names, self.start, self.values, self.sigma, self.bound, self.confirmed, strict=True
         ):
-            line = f"{name:{width}}  {start:12.6g}  {value:12.6g}  {sigma:9.2g}  {bound:9.2g}"
+            least = "no noise" if math.isnan(bound) else f"{bound:.2g}"
+            line = f"{name:{width}}  {start:12.6g}  {value:12.6g}  {sigma:9.2g}  {least:>9}"
             lines.append(line + (f"  {share:9.2f}" if moves else ""))
         said = "converged" if self.converged else "not converged"
         if self.windows:

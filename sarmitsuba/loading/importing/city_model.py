@@ -5,7 +5,9 @@ Attributes of buildings come from OpenStreetMap tags and equivalent properties o
 
 import re
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -118,8 +120,10 @@ def make_model(source: CitySource, options: ImportOptions) -> Model:
     facades = FacadeBuilder(options.facades, materials["windows"], materials["balconies"])
     buildings = _add_footprints(parts, source, place, raster, options, facades, materials)
     n_solids = _add_solids(parts, source, place, raster, options, materials)
-    for mesh in source.meshes:
-        parts.add(mesh.material, materials[mesh.material], mesh.vertices, mesh.faces)
+    for whole, meshes in groupby(sorted(source.meshes, key=lambda m: m.whole), key=lambda m: m.whole):
+        with parts.of_building(whole) if whole else nullcontext():
+            for mesh in meshes:
+                parts.add(mesh.material, materials[mesh.material], mesh.vertices, mesh.faces)
     if raster is None and not parts.n_triangles:
         raise SceneError(
             f"{source.name}: no building is left{_why(source)}; see --radius, --crs and the file"

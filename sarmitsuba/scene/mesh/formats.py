@@ -27,13 +27,15 @@ class ObjMesh:
     faces : (n_f, 3) int64, in the order of the file, polygons as fans; checked against the number of vertices
     group : (n_f,) int64, number of the face's material; -1 before the first ``usemtl``
     materials : names, in order of first use by ``usemtl``
-    objects : name of the first object (``o``) with each material, last of faces without a material; empty without
+    owner : (n_f,) int64, number of the face's object
+    objects : names by ``o``, or by ``g`` in a file without ``o``; empty for faces before the first
     """
 
     vertices: F64
     faces: I64
     group: I64
     materials: tuple[str, ...]
+    owner: I64
     objects: tuple[str, ...]
 
 
@@ -52,8 +54,11 @@ def read_obj(path: Path) -> ObjMesh:
     before: list[int] = []
     groups: list[int] = []
     materials: dict[bytes, int] = {}
-    objects: dict[int, bytes] = {}
-    group, current = -1, b""
+    # names and their numbers, and the number of every face's, by ``o`` and by ``g``
+    named: dict[bytes, dict[bytes, int]] = {b"o": {b"": 0}, b"g": {b"": 0}}
+    owners: dict[bytes, list[int]] = {b"o": [], b"g": []}
+    current = {b"o": 0, b"g": 0}
+    group = -1
     for row in read_bytes(path).replace(b"\\\r\n", b"").replace(b"\\\n", b"").split(b"\n"):
         words = row.split()
         kind = words[0] if words else b""
@@ -66,11 +71,12 @@ def read_obj(path: Path) -> ObjMesh:
             counts.append(len(words) - 1)
             before.append(len(places) // 3)
             groups.append(group)
-            objects.setdefault(group, current)
+            owners[b"o"].append(current[b"o"])
+            owners[b"g"].append(current[b"g"])
         elif kind == b"usemtl" and len(words) > 1:
             group = materials.setdefault(b" ".join(words[1:]), len(materials))
-        elif kind == b"o":
-            current = b" ".join(words[1:])
+        elif kind in named:
+            current[kind] = named[kind].setdefault(b" ".join(words[1:]), len(named[kind]))
     vertices = np.array(places, dtype=np.float64).reshape(-1, 3)
     number = np.array(counts, dtype=np.int64)
     try:
@@ -82,16 +88,18 @@ def read_obj(path: Path) -> ObjMesh:
         raise ValueError(f"a face refers to a missing vertex (the file has {len(vertices)})")
     # fans: the first corner with every two consecutive ones after it
     fans = np.maximum(number - 2, 0)
-    owner = np.repeat(np.arange(len(number)), fans)
-    step = np.arange(len(owner)) - np.repeat(np.cumsum(fans) - fans, fans)
-    first = (np.cumsum(number) - number)[owner]
+    polygon = np.repeat(np.arange(len(number)), fans)
+    step = np.arange(len(polygon)) - np.repeat(np.cumsum(fans) - fans, fans)
+    first = (np.cumsum(number) - number)[polygon]
     faces = np.stack([index[first], index[first + step + 1], index[first + step + 2]], axis=-1)
+    by = b"o" if len(named[b"o"]) > 1 else b"g"
     return ObjMesh(
         vertices,
         faces.reshape(-1, 3),
-        np.array(groups, dtype=np.int64)[owner],
+        np.array(groups, dtype=np.int64)[polygon],
         tuple(name.decode("utf-8", "replace") for name in materials),
-        tuple(objects.get(i, b"").decode("utf-8", "replace") for i in (*range(len(materials)), -1)),
+        np.array(owners[by], dtype=np.int64)[polygon],
+        tuple(name.decode("utf-8", "replace") for name in named[by]),
     )
 
 

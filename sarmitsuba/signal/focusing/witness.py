@@ -291,8 +291,8 @@ def witness_warning(found: Witness, focuser: Focuser) -> str:
     """
     remedy = f"{EXACT},interpolation=kernel:8" if focuser.name == EXACT else EXACT
     errs = (
-        f"the image of focuser {focuser.name} errs by {found.error_db:.1f} dB, measured against {found.reference} at "
-        f"{found.samples} pixels"
+        f"the image of focuser {focuser.name} has an error of {found.error_db:.1f} dB, measured in this run against "
+        f"{found.reference} at {found.samples} pixels"
     )
     if found.useless:
         text = f"{errs}: it is of no use; take focuser {remedy}"
@@ -301,4 +301,4 @@ def witness_warning(found: Witness, focuser: Focuser) -> str:
         raise DataError(f"focus: {text}")
     if not found.contradicts or found.error_db < _NEGLIGIBLE_DB:
         return ""
-    return f"{errs}; it stated {found.law_db:.1f} dB; take focuser {remedy}"
+    return f"{errs}; a formula expected {found.law_db:.1f} dB; take focuser {remedy}"

@@ -20,7 +20,7 @@ from sarmitsuba.core.constants import SUBSET_SHARES
 from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.signal.raw_data import Layer
-from sarmitsuba.simulation.execution.error_bars import estimate_error, has_subsets
+from sarmitsuba.simulation.execution.error_bars import EMPTY_DB, estimate_error, has_subsets
 from sarmitsuba.simulation.execution.finished import FinishedBlocks
 from sarmitsuba.simulation.execution.ray_witness import witness_rays
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
@@ -37,8 +37,6 @@ GROWTH, MOST_GROWTH = 0.5, 2.0
 BOUNDARY_SCATTER_DB = 2.5
 # boundaries below which the error is relative to the weaker of the pulses there and of the blocks that meet there
 FEW_BOUNDARIES = 3
-# energy of a channel relative to the strongest's below which its echoes are rounding and residues of symmetry, dB
-EMPTY_DB = -60.0
 # margin of the error of blocks below a wanted error of the whole run, dB
 BELOW_TARGET_DB = 3.0
 # shortest blocks that are tried: shorter ones cost more than the direct accumulator
@@ -459,7 +457,9 @@ class Blocks:
         tolerance, target = settings.tolerance_db, settings.target_error_db
 
         def above(wanted: dict[str, float]) -> float:
-            return max(0.0, *(value - max(wanted[channel], tolerance) for channel, value in error.items()))
+            # channels without echoes are in neither
+            both = [(value, wanted[channel]) for channel, value in error.items() if channel in wanted]
+            return max(0.0, *(value - max(most, tolerance) for value, most in both))
 
         def above_rays(rays: dict[str, float]) -> float:
             return above({c: min(value + WORTH_DB, max(value, GOOD_DB)) for c, value in rays.items()})

@@ -29,6 +29,8 @@ SHARED_SCATTER_DB = 1.9
 PASSES_SHARED_DB = 4.0
 # rms difference of that estimate and truth over the 21 runs of that benchmark, dB
 PASSES_SCATTER_DB = 1.5
+# energy of a channel relative to the strongest's below which its echoes are rounding and residues of symmetry, dB
+EMPTY_DB = -60.0
 # number of pixels with a common error: reduces the number of independent ones
 PIXELS_TOGETHER = 16.0
 
@@ -39,7 +41,7 @@ class ErrorBars:
 
     Parameters
     ----------
-    channels : polarisation channels
+    channels : polarisation channels, without those that hold nothing but rounding (``EMPTY_DB``)
     error_db : of each channel, energy of the error over energy of the image, dB
     noise_db : measured quantity, dB: half the difference of two subsets, or the difference of the last pass from the
         mean of those before it, which is larger than the true error in 19 of 20 runs
@@ -124,25 +126,27 @@ def estimate_error(data: C64, layers: Sequence[Layer], *, window: int = 5, pixel
     :mod:`sarmitsuba.simulation.execution.blocks`), gridding and the physical-optics model are not included. Errors
     common to lattices of both densities are included only by the constant s.
     """
-    channels = tuple(dict.fromkeys(layer.channel for layer in layers))
-    totals, spreads, maps = [], [], []
-    for channel in channels:
+    totals, spreads, maps, signals = {}, {}, {}, {}
+    for channel in dict.fromkeys(layer.channel for layer in layers):
         mean, difference = subset_planes(data, layers, channel)
         power = difference.real**2 + difference.imag**2
         noise = float(power.sum(dtype=np.float64))
-        signal = sum_energy(mean)
-        totals.append(db_from_power(max(noise, 1e-60) / max(signal, 1e-60)))
-        spreads.append(np.hypot(_chance_db(power), SHARED_SCATTER_DB))
+        signals[channel] = signal = sum_energy(mean)
+        totals[channel] = db_from_power(max(noise, 1e-60) / max(signal, 1e-60))
+        spreads[channel] = float(np.hypot(_chance_db(power), SHARED_SCATTER_DB))
         if pixels:
             mean_power = sliding_means(power, (window, window), "nearest")
-            maps.append(np.sqrt(mean_power) * amplitude_from_db(SHARED_DB))
-    stack = np.stack(maps).astype(np.float32) if pixels else np.empty((0, *data.shape[1:]), np.float32)
+            maps[channel] = np.sqrt(mean_power) * amplitude_from_db(SHARED_DB)
+    channels = _channels_with_echoes(signals)
+    stack = np.empty((0, *data.shape[1:]), np.float32)
+    if pixels:
+        stack = np.stack([maps[c] for c in channels]).astype(np.float32)
     return ErrorBars(
         channels=channels,
-        error_db=tuple(t + SHARED_DB for t in totals),
-        noise_db=tuple(totals),
+        error_db=tuple(totals[c] + SHARED_DB for c in channels),
+        noise_db=tuple(totals[c] for c in channels),
         per_pixel=stack,
-        confidence_db=tuple(float(s) for s in spreads),
+        confidence_db=tuple(spreads[c] for c in channels),
     )
 
 
@@ -170,10 +174,13 @@ def estimate_pass_error(change: C64, mean: C64, channels: tuple[str, ...], share
     pass: where few pixels carry the error it scatters, and ``confidence_db`` is large.
     """
     less = db_from_power(max(share * (1.0 - share), 1e-60)) + PASSES_SHARED_DB
+    signals = {channel: sum_energy(d) for channel, d in zip(channels, mean, strict=True)}
+    of_channel = dict(zip(channels, change, strict=True))
+    channels = _channels_with_echoes(signals)
     totals, spreads = [], []
-    for x, d in zip(change, mean, strict=True):
+    for channel in channels:
+        x, signal = of_channel[channel], signals[channel]
         power = x.real**2 + x.imag**2
-        signal = sum_energy(d)
         noise = float(power.sum(dtype=np.float64))
         totals.append(db_from_power(max(noise, 1e-60) / max(signal, 1e-60)))
         spreads.append(np.hypot(np.sqrt(PIXELS_TOGETHER) * _chance_db(power), PASSES_SCATTER_DB))
@@ -185,6 +192,12 @@ def estimate_pass_error(change: C64, mean: C64, channels: tuple[str, ...], share
         confidence_db=tuple(float(s) for s in spreads),
         source=PASSES,
     )
+
+
+def _channels_with_echoes(energy: Mapping[str, float]) -> tuple[str, ...]:
+    """Channels that hold more than rounding, by the energy of each; all where none has any."""
+    least = power_from_db(EMPTY_DB) * max(energy.values(), default=0.0)
+    return tuple(channel for channel, own in energy.items() if own >= least)
 
 
 def _chance_db(power: F32) -> float:

@@ -19,7 +19,7 @@ from sarmitsuba.core.arrays import C64, F64
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.core.witness import CONFIDENCE, USELESS_DB, Witness
-from sarmitsuba.simulation.execution.error_bars import add_two_sets
+from sarmitsuba.simulation.execution.error_bars import EMPTY_DB, add_two_sets
 from sarmitsuba.simulation.planning.sampling.chains import Draw, exchange_rays
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.tracing.kernel.launch import LaunchGrid
@@ -40,8 +40,6 @@ FINEST_WAVELENGTHS = 1.0 / 32.0
 FINE_DB = -15.0
 # dB, error from which a contradiction to two sets of rays is said
 SAID_DB = -20.0
-# dB, energy of a channel relative to the strongest below which it does not count
-EMPTY_DB = -60.0
 # most rays of a lattice of half the spacing
 MOST_RAYS = 16_000_000
 
@@ -265,7 +263,8 @@ def halved_plan(
 ) -> SamplingPlan | None:
     """Plan at half the spacing, where automatic rays are too far apart by the measurement; None where they are not.
 
-    Two sets of rays have to say so, too, and half the spacing has to fit the bound on rays.
+    Rays for diffuse returns alone keep their spacing. Two sets of rays have to say so, too, and half the spacing has to
+    fit the bound on rays.
 
     Parameters
     ----------
@@ -274,6 +273,8 @@ def halved_plan(
     if witness is None or sampling.halvings or sampling.scene.settings.ray_spacing > 0.0:
         return None
     coherent = [grid.n_rays for grids in lattices for grid in grids if grid.purpose != "diffuse"]
-    if not (witness.error_db > FINE_DB and witness.law_db > FINE_DB) or 4 * max(coherent) > MOST_RAYS:
+    if not (witness.error_db > FINE_DB and witness.law_db > FINE_DB):
+        return None
+    if not coherent or 4 * max(coherent) > MOST_RAYS:
         return None
     return replace(sampling, halvings=1)

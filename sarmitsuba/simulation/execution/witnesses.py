@@ -25,14 +25,8 @@ from sarmitsuba.core.witness import CONFIDENCE, Witness
 from sarmitsuba.effects.effect import EFFECTS
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.signal.raw_data import sum_layers
-from sarmitsuba.simulation.execution.blocks import (
-    BOUNDARY_SCATTER_DB,
-    EMPTY_DB,
-    STRIP_ENERGY,
-    Blocks,
-    partition,
-    strip,
-)
+from sarmitsuba.simulation.execution.blocks import BOUNDARY_SCATTER_DB, STRIP_ENERGY, Blocks, partition, strip
+from sarmitsuba.simulation.execution.error_bars import EMPTY_DB
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
 from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, Tracer
@@ -431,8 +425,9 @@ def contradictions(name: str, witnesses: Mapping[str, Witness], tolerance_db: fl
         if stage in _REMEDIES and _certain(witness).contradicts and witness.error_db > least:
             cause, remedy = _REMEDIES[stage]
             texts.append(
-                f"{name}: {cause} have an error of {witness.error_db:.1f} dB, measured here ({witness.samples}), where "
-                f"{witness.law_db:.1f} dB were foretold; {remedy}"
+                f"{name}: the error by {cause} is {witness.error_db:.1f} dB, measured in this run "
+                f"({witness.samples}); a formula expected {witness.law_db:.1f} dB. The image states the measured one; "
+                f"to lower it, {remedy}"
             )
     for text in texts:
         warnings.warn(text, SarmitsubaWarning, stacklevel=3)

@@ -1,6 +1,7 @@
 """Mesh files, one or a folder of them: glTF, obj, ply, stl, off."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 from sarmitsuba.core.errors import SceneError
@@ -13,7 +14,7 @@ from sarmitsuba.loading.mesh_files import MeshPart, read_parts
 def read_meshes(path: Path, options: ImportOptions) -> CitySource:
     """Read the parts of all files, converted to metres and z up.
 
-    A part without a material is named after its file.
+    A part without a material is named after its file, which is the object where it names none and is one of several.
 
     Raises
     ------
@@ -25,9 +26,8 @@ def read_meshes(path: Path, options: ImportOptions) -> CitySource:
     parts: list[MeshPart] = []
     for file in files:
         for part in read_parts(file, file.name):
-            parts.append(
-                MeshPart(f"{file.stem} {part.name}", part.material or file.stem, part.vertices, part.faces)
-            )
+            whole = part.whole or (file.stem if len(files) > 1 else "")
+            parts.append(replace(part, material=part.material or file.stem, whole=whole))
     source = CitySource(path.name)
     kinds = {p.suffix.lower() in (".glb", ".gltf") for p in files}
     if len(kinds) > 1 and options.up == "auto":
@@ -36,7 +36,11 @@ def read_meshes(path: Path, options: ImportOptions) -> CitySource:
         )
     matrix, said = upright(path.name, files[0].suffix, parts, MeshOptions(up=options.up, unit=options.unit))
     source.notes.append(said)
-    source.meshes = [MeshPart(p.name, p.material, p.vertices @ matrix.T, p.faces) for p in parts]
+    if wholes := {part.whole for part in parts if part.whole}:
+        source.notes.append(
+            f"{path.name}: {len(wholes)} objects in {len(parts)} parts, one for each material"
+        )
+    source.meshes = [replace(part, vertices=part.vertices @ matrix.T) for part in parts]
     return source
 
 

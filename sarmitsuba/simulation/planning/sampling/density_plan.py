@@ -57,14 +57,14 @@ class RaySpacings:
     Parameters
     ----------
     coherent : m, of the rays for coherent returns, or of all rays without coherent returns
-    diffuse : m, of the rays for diffuse returns; 0 where nothing scatters diffusely
+    diffuse : m, of the rays for diffuse returns; 0 where all rays are for returns of one kind
     """
 
     coherent: float
     diffuse: float
 
     def at(self, factor: float) -> dict[str, float]:
-        """Settings for ray spacings multiplied by ``factor``."""
+        """Settings for ray spacings multiplied by ``factor``; none that changes no rays."""
         out = {"ray_spacing": factor * self.coherent}
         return out | ({"diffuse_ray_spacing": factor * self.diffuse} if self.diffuse else {})
 
@@ -421,4 +421,4 @@ def _spacings(
         if window.area / coherent**2 > FINE_RAYS:
             half_cell = 0.5 * min(azimuth, scene.radar.waveform.range_cell)
             coherent = float(min(half_cell, np.sqrt(window.area / 1e5)))
-    return RaySpacings(coherent, diffuse if flags.diffuse else 0.0)
+    return RaySpacings(coherent, diffuse if flags.diffuse and flags.coherent else 0.0)
