@@ -36,6 +36,7 @@ from sarmitsuba.radar.orbit import EphemerisPath, orbit_of
 from sarmitsuba.radar.pattern import PATTERNS, PatternTable
 from sarmitsuba.radar.polarisation import read_channels
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
+from sarmitsuba.radar.receive_chain import receive_chain_of
 from sarmitsuba.radar.receiver import receiver_track
 from sarmitsuba.radar.swath import Box, ambiguities, check_coverage, receive_window
 from sarmitsuba.radar.track import Track
@@ -327,6 +328,7 @@ def build_radar(
         recorded=recorded_track(given, track, shift),
         anchor=anchor,
         burst=None if burst is None else burst.burst,
+        chain=receive_chain_of(given, channels),
         recorded_pointing=None if error.is_none else nominal,
         receiver=receiver,
         receiver_pointing=None

@@ -332,6 +332,57 @@ class RadarDescription:
         0.0, "noise temperature of the receiver with its antenna; 0 adds no noise", "K", 0.0, 1e9
     )
     losses_db: float = declare_field(0.0, "two-way system losses", "dB", 0.0, 100.0)
+    adc_bits: int = declare_field(
+        0,
+        "bits of the converter for I and for Q: uniform steps of the least error for Gaussian echoes of the record's "
+        "rms; 0 = no quantisation",
+        "",
+        0,
+        8,
+    )
+    saturation_db: float | None = declare_field(
+        None, "level at which I and Q are clipped, over their rms; default: none", "dB", -20.0, 100.0
+    )
+    raw_coding: Literal["none", "baq", "fdbaq"] = declare_field(
+        "none",
+        "block-adaptive quantisation of the raw data: baq with baq_bits, fdbaq with the 2, 3 or 4 bits that a block's "
+        "signal-to-noise ratio needs",
+        choices=("none", "baq", "fdbaq"),
+    )
+    baq_bits: int = declare_field(3, "bits of baq for I and for Q", "", 1, 8)
+    baq_block: int = declare_field(128, "samples of a pulse that share a scale", "", 8, 65536)
+    fdbaq_margin_db: float = declare_field(
+        0.0, "least ratio of thermal noise to the quantisation noise of fdbaq", "dB", -30.0, 30.0
+    )
+    iq_gain_db: float = declare_field(0.0, "gain of Q over that of I", "dB", -20.0, 20.0)
+    iq_phase_deg: float = declare_field(0.0, "angle between Q and I less 90 deg", "deg", -80.0, 80.0)
+    iq_offset_i: float = declare_field(0.0, "constant added to I, over the rms of I", "", -100.0, 100.0)
+    iq_offset_q: float = declare_field(0.0, "constant added to Q, over the rms of Q", "", -100.0, 100.0)
+    phase_noise: str = declare_field(
+        "",
+        "single-sideband phase noise of the oscillator at the carrier, frequency:level in Hz and dBc/Hz, such as "
+        "10:-60,1000:-100; straight over the logarithm of frequency, none above the last",
+    )
+    gain_drift_db: float = declare_field(
+        0.0, "change of the receiver's gain from the first to the last pulse, even in dB", "dB", -60.0, 60.0
+    )
+    gain_jitter_db: float = declare_field(
+        0.0, "random change of the receiver's gain from pulse to pulse, rms", "dB", 0.0, 20.0
+    )
+    dead_pulses: float = declare_field(0.0, "share of pulses that are lost, at random", "", 0.0, 0.9)
+    transmit_gaps: bool = declare_field(
+        False, "the receiver is off while a pulse is transmitted: gaps in the swath, which pri_sequence moves"
+    )
+    transmit_distortion: str = declare_field(
+        "",
+        "imbalance and cross-talk of the transmitter, t_HH,t_HV,t_VH,t_VV of M = R S T, complex; t_VH is transmitted "
+        "in V where H is meant",
+    )
+    receive_distortion: str = declare_field(
+        "",
+        "imbalance and cross-talk of the receiver, r_HH,r_HV,r_VH,r_VV of M = R S T, complex; r_VH is what V receives "
+        "of a wave in H",
+    )
     mode_parameters: Mapping[str, Value] = field(default_factory=dict)
 
 

@@ -12,6 +12,7 @@ from sarmitsuba.core.errors import RadarError
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.mode import MODES, RadarMode
+from sarmitsuba.radar.receive_chain import ReceiveChain
 from sarmitsuba.radar.track import Track, effective_velocity_ratio, numbers_of
 from sarmitsuba.radar.utc import utc_after
 from sarmitsuba.radar.waveform import Waveform
@@ -91,6 +92,7 @@ class Radar:
         has the positions after that delay; None: start-stop, antennas at rest during a pulse
     anchor : place on the Earth of the origin of the frame of the user's file
     burst : that the pulses are; None for modes without bursts
+    chain : receive chain; None for an ideal one
     """
 
     mode: str
@@ -114,6 +116,7 @@ class Radar:
     delay: F64 | None = None
     anchor: Anchor = field(default_factory=Anchor)
     burst: Burst | None = None
+    chain: ReceiveChain | None = None
 
     def __post_init__(self) -> None:
         if self.receiver is not None and self.receiver.n_pulses != self.track.n_pulses:

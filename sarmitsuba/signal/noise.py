@@ -37,7 +37,9 @@ def noise_power(radar: Radar, domain: str) -> float:
     return BOLTZMANN * radar.noise_temperature / radar.waveform.pulse_width
 
 
-def noise_generator(radar: Radar, seed: int, channel: int, days: float = 0.0) -> np.random.Generator:
+def noise_generator(
+    radar: Radar, seed: int, channel: int, days: float = 0.0, stream: int = _STREAM
+) -> np.random.Generator:
     """Random generator of a receiver's noise, seeded by channel, antenna position and time.
 
     Two passes with one seed have the same scatterers but independent noise.
@@ -48,6 +50,7 @@ def noise_generator(radar: Radar, seed: int, channel: int, days: float = 0.0) ->
     seed : the same seed gives the same noise
     channel : number of the channel
     days : since the first pass
+    stream : number of the quantity that is drawn; default: thermal noise
     """
     tracks = [radar.track, *([radar.receiver] if radar.receiver is not None else [])]
     # the shift keeps round coordinates away from rounding boundaries
@@ -55,7 +58,7 @@ def noise_generator(radar: Radar, seed: int, channel: int, days: float = 0.0) ->
         100.0 * np.concatenate([t.center_position + radar.offset for t in tracks]) + 0.3718
     ).astype(np.int64)
     later = [int(np.float64(days).view(np.uint64))] if days else []
-    return np.random.default_rng([seed, _STREAM, channel, *(int(v) & 0xFFFFFFFF for v in place), *later])
+    return np.random.default_rng([seed, stream, channel, *(int(v) & 0xFFFFFFFF for v in place), *later])
 
 
 def add_noise(raw: RawData, seed: int = 0, days: float = 0.0) -> RawData:
@@ -75,7 +78,7 @@ def add_noise(raw: RawData, seed: int = 0, days: float = 0.0) -> RawData:
     -----
     The planes of a channel (bounce orders, subsets) add up to the channel, so its noise is added to the plane of the
     lowest order; of two subsets each gets the same noise by its share, so that their difference is free of noise.
-    Ignores quantisation, clutter and interference.
+    Quantisation and other errors of the receiver are those of :func:`sarmitsuba.signal.receive.receive`.
     """
     radar = raw.radar
     if radar.noise_temperature <= 0.0:

@@ -622,6 +622,11 @@ def refuse(scene: Scene) -> None:
         raise RadarError(f"{name}: method {method} makes no raw data to differentiate; take hybrid or raw")
     if scene.radar.receiver is not None and not scene.radar.receives_itself:
         raise RadarError(f"{name}: two antennas cannot be differentiated; take one that sends and receives")
+    if scene.radar.chain is not None and scene.settings.effects.get("receive_chain", "auto") != "off":
+        raise RadarError(
+            f"{name}: {scene.radar.chain.given[0]} of the receiver cannot be differentiated; leave it out, or set "
+            "receive_chain off"
+        )
     if scene.moves:
         raise SceneError(f"{name}: moving objects cannot be differentiated; stop them")
     if not scene.geometry.n_faces:

@@ -245,7 +245,7 @@ def shown_share(
     Ignores that gain and range differ over the image.
     """
     radar = raw.radar
-    if radar.noise_temperature > 0.0:
+    if radar.noise_temperature > 0.0 or radar.chain is not None:
         return float("nan")
     window = radar.window
     spacing = grid.azimuth_spacing * grid.range_spacing * (sine if grid.kind == "ground" else 1.0)
