@@ -251,7 +251,7 @@ class EchoLabels:
         if seed is not None:
             settings = replace(settings, seed=seed)
         # labels are of echoes before they are received
-        run = Run(replace(scene, settings=settings, radar=replace(scene.radar, chain=None)))
+        run = Run(replace(scene, settings=settings, radar=replace(scene.radar, chain=None, emitters=None)))
         self.imager = Imager(run, grid, range_window=windows[0], azimuth_window=windows[1])
         run.admit(grid)
         self.scene, self.grid, self.classes = scene, grid, classes

@@ -380,6 +380,7 @@ def _image_only(
             "focuser": args.focuser,
             "motion_compensation": args.motion_compensation,
             "autofocus": args.autofocus,
+            "interference_filter": args.interference_filter,
         }
     )
     with watch.stage("simulate"):

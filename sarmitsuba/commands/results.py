@@ -429,6 +429,7 @@ def radar_record(radar: Radar) -> dict[str, object]:
         "transmit_power_w": radar.transmit_power,
         "noise_temperature_k": radar.noise_temperature,
         "losses": radar.losses,
+        "emitters": 0 if radar.emitters is None else radar.emitters.kind.size,
         "receive_chain": None
         if radar.chain is None
         else {name: getattr(radar.chain, name) for name in radar.chain.given},

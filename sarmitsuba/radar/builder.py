@@ -31,6 +31,7 @@ from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import Extent, ImageRequest, build_image_request, faded_box, image_box
+from sarmitsuba.radar.interference import emitters_of
 from sarmitsuba.radar.mode import MODES, AimGeometry, FlightPath, right_of
 from sarmitsuba.radar.orbit import EphemerisPath, orbit_of
 from sarmitsuba.radar.pattern import PATTERNS, PatternTable
@@ -329,6 +330,7 @@ def build_radar(
         anchor=anchor,
         burst=None if burst is None else burst.burst,
         chain=receive_chain_of(given, channels),
+        emitters=emitters_of(given, waveform, shift),
         recorded_pointing=None if error.is_none else nominal,
         receiver=receiver,
         receiver_pointing=None

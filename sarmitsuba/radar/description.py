@@ -373,6 +373,12 @@ class RadarDescription:
     transmit_gaps: bool = declare_field(
         False, "the receiver is off while a pulse is transmitted: gaps in the swath, which pri_sequence moves"
     )
+    interference_file: str = declare_field(
+        "",
+        "CSV of emitters on the ground, one a line below the names of the columns kind (narrow, chirp, pulse), x_m, "
+        "y_m, z_m, eirp_w, frequency_hz, and bandwidth_hz, pulse_width_s, prf_hz, azimuth_deg, elevation_deg, "
+        "beamwidth_deg where needed",
+    )
     transmit_distortion: str = declare_field(
         "",
         "imbalance and cross-talk of the transmitter, t_HH,t_HV,t_VH,t_VV of M = R S T, complex; t_VH is transmitted "

@@ -1,4 +1,4 @@
-"""Echoes through a receive chain: distortion, thermal noise, oscillator, gain, demodulator, converter, coding.
+"""Echoes through a receive chain: distortion, thermal noise, oscillator, gain, interference, converter, coding.
 
 In this order, as in a receiver. Factors of whole pulses act on range-compressed echoes; what acts on samples, on
 chirped ones, which are compressed again by the inverse of the chirp.
@@ -18,6 +18,7 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.receive_chain import ReceiveChain
 from sarmitsuba.signal.chirp import n_fast_chirped, to_chirped
 from sarmitsuba.signal.focusing.range_compression import RangeCompression
+from sarmitsuba.signal.interference import draw_interference
 from sarmitsuba.signal.noise import add_noise, noise_generator
 from sarmitsuba.signal.quantiser import quantise_blocks, quantise_flexibly, quantise_uniform
 from sarmitsuba.signal.raw_data import Layer, RawData
@@ -51,9 +52,9 @@ def receive(raw: RawData, seed: int = 0, days: float = 0.0) -> RawData:
     of the lowest order, in two subsets by their shares, as noise does. Ignores the fast phase noise within a pulse, the
     rounding of scales of blocks, and echoes from outside the receive window: both ends of the record are weaker there.
     """
-    chain = raw.radar.chain
-    if chain is None:
+    if raw.radar.chain is None and raw.radar.emitters is None:
         return add_noise(raw, seed, days)
+    chain = raw.radar.chain or ReceiveChain()
     if raw.domain != "compressed":
         raise DataError(f"receive needs range-compressed raw data, but these are {raw.domain}")
     if chain.distorts:
@@ -62,8 +63,8 @@ def receive(raw: RawData, seed: int = 0, days: float = 0.0) -> RawData:
     factors, facts = pulse_factors(raw.radar, seed, days)
     alive = factors != 0.0
     data = raw.data * np.where(alive, factors, 1.0).astype(np.complex64)[:, None]
-    if chain.changes_samples:
-        facts |= _record(data, raw.layers, raw.radar)
+    if chain.changes_samples or raw.radar.emitters is not None:
+        facts |= _record(data, raw.layers, raw.radar, (seed, days))
     data[:, ~alive] = 0.0
     return replace(raw, data=data, metadata={**raw.metadata, "receive_chain": facts})
 
@@ -104,8 +105,7 @@ def pulse_factors(radar: Radar, seed: int, days: float = 0.0) -> tuple[C128, dic
 
     Gain over the track, phase of the oscillator, and dead pulses. The same for all channels.
     """
-    assert radar.chain is not None
-    chain, time = radar.chain, radar.track.time
+    chain, time = radar.chain or ReceiveChain(), radar.track.time
     share = (time - time[0]) / (time[-1] - time[0]) - 0.5 if time.size > 1 else np.zeros(1)
     gain_db = chain.gain_drift_db * share
     if chain.gain_jitter_db:
@@ -155,10 +155,14 @@ def echo_delay(radar: Radar) -> float | None:
     return 2.0 * distance / SPEED_OF_LIGHT
 
 
-def _record(data: C64, layers: tuple[Layer, ...], radar: Radar) -> dict[str, object]:
-    """Change samples of compressed echoes (n_layers, n_pulses, n_samples) in place; returns facts."""
-    chain = radar.chain
-    assert chain is not None
+def _record(
+    data: C64, layers: tuple[Layer, ...], radar: Radar, drawn: tuple[int, float]
+) -> dict[str, object]:
+    """Change samples of compressed echoes (n_layers, n_pulses, n_samples) in place; returns facts.
+
+    ``drawn`` : seed and days of the run.
+    """
+    chain = radar.chain or ReceiveChain()
     n_pulses = data.shape[1]
     compression = RangeCompression(radar, "flat")
     step = max(1, _BATCH // n_fast_chirped(radar))
@@ -171,15 +175,21 @@ def _record(data: C64, layers: tuple[Layer, ...], radar: Radar) -> dict[str, obj
 
         def chirped(pick: slice, own: list[int] = own, channel: str = channel) -> C64:
             total = data[own, pick].sum(axis=0, dtype=np.complex64)[None]
-            made = RawData(total, (Layer(channel),), "compressed", _select_window(radar, pick))
+            made = RawData(total, (Layer(channel),), "compressed", radar.of_pulses(pick))
             return np.asarray(to_chirped(made).data[0])
 
-        energy = sum(float(np.vdot(s, s).real) for s in map(chirped, parts))
+        def with_interference(pick: slice, echoes: C64) -> C64:
+            return echoes if radar.emitters is None else echoes + draw_interference(radar, *drawn, pick)
+
+        energy = 0.0
+        for pick in parts if chain.changes_samples else ():
+            seen = with_interference(pick, chirped(pick))
+            energy += float(np.vdot(seen, seen).real)
         rms = float(np.sqrt(0.5 * energy / (n_pulses * n_fast_chirped(radar))))
         bits = 0.0
         for pick in parts:
             before = chirped(pick)
-            after, used = record_samples(before, radar, pick, rms)
+            after, used = record_samples(with_interference(pick, before), radar, pick, rms)
             bits += used
             change = compression.forward((after - before)[None])[0]
             for i in targets:
@@ -187,11 +197,6 @@ def _record(data: C64, layers: tuple[Layer, ...], radar: Radar) -> dict[str, obj
         if chain.raw_coding == "fdbaq":
             facts.setdefault("fdbaq_mean_bits", {})[channel] = bits / n_pulses  # type: ignore[index]
     return facts
-
-
-def _select_window(radar: Radar, pick: slice) -> Radar:
-    """Radar with the receive window of some pulses, as `to_chirped` needs it."""
-    return replace(radar, window=replace(radar.window, start_range=radar.window.start_range[pick]))
 
 
 def record_samples(echoes: C64, radar: Radar, pick: slice, rms: float) -> tuple[C64, float]:
@@ -202,8 +207,7 @@ def record_samples(echoes: C64, radar: Radar, pick: slice, rms: float) -> tuple[
     echoes : of the pulses ``pick``
     rms : of I and of Q over the record of all pulses
     """
-    chain = radar.chain
-    assert chain is not None
+    chain = radar.chain or ReceiveChain()
     out: C64 = echoes
     if chain.transmit_gaps:
         out = np.where(find_transmissions(radar, pick), np.complex64(0.0), out)

@@ -53,6 +53,7 @@ def test_drawn_radars_are_recovered(seed):
     assert found.residual_db < -120.0
 
 
+@pytest.mark.slow
 def test_image_of_a_distorted_radar_is_calibrated(tmp_path):
     rng = np.random.default_rng(11)
     receiver, transmitter = _draw(rng), _draw(rng)

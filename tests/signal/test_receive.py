@@ -13,6 +13,7 @@ from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.receive_chain import ReceiveChain
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
+from sarmitsuba.signal import receive as receiving
 from sarmitsuba.signal.chirp import n_fast_chirped
 from sarmitsuba.signal.quantiser import lloyd_max_quantiser
 from sarmitsuba.signal.raw_data import Layer, RawData
@@ -89,6 +90,15 @@ def test_same_seed_same_bits_and_other_seed_others():
     first = receive(raw, seed=5).data
     assert np.array_equal(first, receive(raw, seed=5).data)
     assert not np.array_equal(first, receive(raw, seed=6).data)
+
+
+def test_batches_of_pulses_are_those_of_the_whole(monkeypatch):
+    chain = ReceiveChain(adc_bits=4, transmit_gaps=True, iq_phase_deg=4.0)
+    raw = _clutter(_radar(chain, n_pulses=23, prf=7000.0))
+    whole = receive(raw).data
+    monkeypatch.setattr(receiving, "_BATCH", 5 * n_fast_chirped(raw.radar))
+    # tol: the rms of the record is summed in another order, in float32
+    assert np.linalg.norm(receive(raw).data - whole) < 1e-3 * np.linalg.norm(whole)
 
 
 @pytest.mark.parametrize("bits", [2, 4])

@@ -622,10 +622,15 @@ def refuse(scene: Scene) -> None:
         raise RadarError(f"{name}: method {method} makes no raw data to differentiate; take hybrid or raw")
     if scene.radar.receiver is not None and not scene.radar.receives_itself:
         raise RadarError(f"{name}: two antennas cannot be differentiated; take one that sends and receives")
-    if scene.radar.chain is not None and scene.settings.effects.get("receive_chain", "auto") != "off":
+    off = {effect for effect, switch in scene.settings.effects.items() if switch == "off"}
+    kept = replace(
+        scene.radar,
+        chain=None if "receive_chain" in off else scene.radar.chain,
+        emitters=None if "interference" in off else scene.radar.emitters,
+    )
+    if kept.received:
         raise RadarError(
-            f"{name}: {scene.radar.chain.given[0]} of the receiver cannot be differentiated; leave it out, or set "
-            "receive_chain off"
+            f"{name}: {kept.received[0]} of the receiver cannot be differentiated; leave it out, or its effect off"
         )
     if scene.moves:
         raise SceneError(f"{name}: moving objects cannot be differentiated; stop them")

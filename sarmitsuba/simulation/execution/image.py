@@ -89,9 +89,9 @@ class Imager:
                 f"{run.scene.name}: methods image and raster look from one place, and the receiver is apart from the "
                 "transmitter (bistatic); take method hybrid or raw"
             )
-        if (chain := run.scene.radar.chain) is not None:
+        if received := run.scene.radar.received:
             raise RadarError(
-                f"{run.scene.name}: methods image and raster make no raw data, so that {chain.given[0]} has no effect; "
+                f"{run.scene.name}: methods image and raster make no raw data, so that {received[0]} has no effect; "
                 "take method hybrid or raw, or leave it out"
             )
         self.run = run

@@ -405,12 +405,13 @@ def refine(
     switches, radar = scene.settings.effects, scene.radar
     noisy = switches.get("noise", "auto") != "off" and radar.noise_temperature > 0.0
     chain = radar.chain if switches.get("receive_chain", "auto") != "off" else None
-    quiet = {**switches, "noise": "off", "receive_chain": "off"}
+    emitters = radar.emitters if switches.get("interference", "auto") != "off" else None
+    quiet = {**switches, "noise": "off", "receive_chain": "off", "interference": "off"}
     scene = replace(scene, settings=replace(scene.settings, keep_subsets=True, effects=quiet))
     file = Path(state) if state is not None else None
     run_hash = fingerprint(scene)
     # the sum of all passes is what is received
-    noiseless = replace(scene, radar=replace(radar, noise_temperature=0.0, chain=None))
+    noiseless = replace(scene, radar=replace(radar, noise_temperature=0.0, chain=None, emitters=None))
     whole = Run(noiseless, clock=clock, workers=workers)
     layout = PassLayout.of(whole.scene, whole.layers.layers)
     passes = Passes.load(file, run_hash, layout) if file else Passes(run_hash)
@@ -454,8 +455,9 @@ def refine(
         if file:
             passes.save(file)
             blocks_of(file).unlink()  # now contained in the pass
-    received = replace(radar, noise_temperature=radar.noise_temperature if noisy else 0.0, chain=chain)
-    return _finish_passes(focuser, goal, received if noisy or chain is not None else None)
+    temperature = radar.noise_temperature if noisy else 0.0
+    received = replace(radar, noise_temperature=temperature, chain=chain, emitters=emitters)
+    return _finish_passes(focuser, goal, received if noisy or received.received else None)
 
 
 @dataclass(frozen=True)

@@ -81,7 +81,7 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
         )
     flown = radar.track if radar.recorded is not None else None
     raw = RawData(data, layers, "compressed", radar.as_recorded(), request=scene.image, flown=flown)
-    if radar.noise_temperature > 0.0 or radar.chain is not None:
+    if radar.noise_temperature > 0.0 or radar.received:
         raw = receive(raw, seed=settings.seed, days=settings.pass_days)
         run.timer.lap("noise")
     metadata = raw_metadata(run, plan, notes)

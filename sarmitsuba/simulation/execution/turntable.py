@@ -420,6 +420,7 @@ def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple
         channels=channels,
         noise_temperature=0.0,
         chain=None,
+        emitters=None,
         recorded=None,
         receiver=None,
         receiver_pointing=None,

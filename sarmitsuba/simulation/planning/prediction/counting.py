@@ -279,7 +279,7 @@ def _count_raw(
         after["points"] = SETUP + len(scene.points) * n_pulses * n_layers * POINT_PULSE
     if radar.noise_temperature > 0.0:
         after["noise"] = samples * NOISE_SAMPLE
-    if radar.chain is not None:
+    if radar.received:
         after["noise"] = (
             after.get("noise", 0.0) + n_layers * n_pulses * n_fast_chirped(radar) * RECEIVED_SAMPLE
         )
