@@ -334,8 +334,7 @@ class RadarDescription:
     losses_db: float = declare_field(0.0, "two-way system losses", "dB", 0.0, 100.0)
     adc_bits: int = declare_field(
         0,
-        "bits of the converter for I and for Q: uniform steps of the least error for Gaussian echoes of the record's "
-        "rms; 0 = no quantisation",
+        "bits of the converter, for I and for Q; uniform steps, best for Gaussian echoes; 0 = no quantisation",
         "",
         0,
         8,
@@ -345,8 +344,7 @@ class RadarDescription:
     )
     raw_coding: Literal["none", "baq", "fdbaq"] = declare_field(
         "none",
-        "block-adaptive quantisation of the raw data: baq with baq_bits, fdbaq with the 2, 3 or 4 bits that a block's "
-        "signal-to-noise ratio needs",
+        "block-adaptive quantisation: baq with baq_bits, fdbaq with the 2, 3 or 4 bits that a block needs",
         choices=("none", "baq", "fdbaq"),
     )
     baq_bits: int = declare_field(3, "bits of baq for I and for Q", "", 1, 8)
@@ -360,8 +358,7 @@ class RadarDescription:
     iq_offset_q: float = declare_field(0.0, "constant added to Q, over the rms of Q", "", -100.0, 100.0)
     phase_noise: str = declare_field(
         "",
-        "single-sideband phase noise of the oscillator at the carrier, frequency:level in Hz and dBc/Hz, such as "
-        "10:-60,1000:-100; straight over the logarithm of frequency, none above the last",
+        "single-sideband phase noise of the oscillator, frequency:level in Hz and dBc/Hz, such as 10:-60,1000:-100",
     )
     gain_drift_db: float = declare_field(
         0.0, "change of the receiver's gain from the first to the last pulse, even in dB", "dB", -60.0, 60.0
@@ -371,23 +368,19 @@ class RadarDescription:
     )
     dead_pulses: float = declare_field(0.0, "share of pulses that are lost, at random", "", 0.0, 0.9)
     transmit_gaps: bool = declare_field(
-        False, "the receiver is off while a pulse is transmitted: gaps in the swath, which pri_sequence moves"
+        False, "the receiver is off while a pulse is transmitted; pri_sequence moves the gaps"
     )
     interference_file: str = declare_field(
         "",
-        "CSV of emitters on the ground, one a line below the names of the columns kind (narrow, chirp, pulse), x_m, "
-        "y_m, z_m, eirp_w, frequency_hz, and bandwidth_hz, pulse_width_s, prf_hz, azimuth_deg, elevation_deg, "
-        "beamwidth_deg where needed",
+        "CSV of emitters on the ground, one a line",
     )
     transmit_distortion: str = declare_field(
         "",
-        "imbalance and cross-talk of the transmitter, t_HH,t_HV,t_VH,t_VV of M = R S T, complex; t_VH is transmitted "
-        "in V where H is meant",
+        "imbalance and cross-talk of the transmitter, complex: t_HH,t_HV,t_VH,t_VV of M = R S T",
     )
     receive_distortion: str = declare_field(
         "",
-        "imbalance and cross-talk of the receiver, r_HH,r_HV,r_VH,r_VV of M = R S T, complex; r_VH is what V receives "
-        "of a wave in H",
+        "imbalance and cross-talk of the receiver, complex: r_HH,r_HV,r_VH,r_VV of M = R S T",
     )
     mode_parameters: Mapping[str, Value] = field(default_factory=dict)
 

@@ -166,6 +166,8 @@ def _record(
     n_pulses = data.shape[1]
     compression = RangeCompression(radar, "flat")
     step = max(1, _BATCH // n_fast_chirped(radar))
+    # echoes from a whole window rise and fall at both ends of the record: samples of the same energy at full level
+    full = max(radar.window.n_samples, n_fast_chirped(radar) - radar.window.n_samples)
     parts = [slice(start, min(start + step, n_pulses)) for start in range(0, n_pulses, step)]
     facts: dict[str, object] = {}
     for channel in dict.fromkeys(layer.channel for layer in layers):
@@ -185,7 +187,7 @@ def _record(
         for pick in parts if chain.changes_samples else ():
             seen = with_interference(pick, chirped(pick))
             energy += float(np.vdot(seen, seen).real)
-        rms = float(np.sqrt(0.5 * energy / (n_pulses * n_fast_chirped(radar))))
+        rms = float(np.sqrt(0.5 * energy / (n_pulses * full)))
         bits = 0.0
         for pick in parts:
             before = chirped(pick)
@@ -205,7 +207,7 @@ def record_samples(echoes: C64, radar: Radar, pick: slice, rms: float) -> tuple[
     Parameters
     ----------
     echoes : of the pulses ``pick``
-    rms : of I and of Q over the record of all pulses
+    rms : of I and of Q in the middle of the record, over all pulses
     """
     chain = radar.chain or ReceiveChain()
     out: C64 = echoes
