@@ -680,7 +680,8 @@ def _receiver_lines(receiver: ReceiverBudget) -> list[tuple[str, str]]:
         ),
         (
             "pulses' errors",
-            f"SNR {_db(1.0 / receiver.pulse_loss)} dB, side lobes added {_db(receiver.added_islr)} dB, phase noise "
+            f"SNR {_db(1.0 / receiver.pulse_loss)} dB, filter {_db(1.0 / receiver.filter_loss)} dB, side lobes added "
+            f"{_db(receiver.added_islr)} dB, phase noise "
             f"{receiver.phase_noise:.3g} rad",
         ),
         (

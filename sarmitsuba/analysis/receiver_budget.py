@@ -9,6 +9,7 @@ from sarmitsuba.core.units import power_from_db
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.receive_chain import ReceiveChain
 from sarmitsuba.signal.focusing.aperture_weights import direction_gain, incidence_angle
+from sarmitsuba.signal.focusing.range_compression import RangeCompression
 from sarmitsuba.signal.image import ImageGrid
 from sarmitsuba.signal.interference import interference_temperature
 from sarmitsuba.signal.quantiser import (
@@ -35,6 +36,7 @@ class ReceiverBudget:
     pulse_loss : of the signal-to-noise ratio by lost pulses, phase noise and gain, power of at least 1
     phase_noise : rad, rms within the aperture
     added_islr : energy of side lobes that lost pulses, phase noise and gain add, over that of the peak
+    filter_loss : of the signal-to-noise ratio by the filter of range compression, power
     bits : of block-adaptive quantisation, for I and for Q; 0: none
     """
 
@@ -46,12 +48,13 @@ class ReceiverBudget:
     pulse_loss: float
     phase_noise: float
     added_islr: float
+    filter_loss: float
     bits: int
 
     def raise_noise(self, temperature: float) -> float:
         """Factor of NESZ, and of noise over a point's echo, over that of an ideal receiver of this temperature, K."""
         noise = temperature + self.interference_temperature + self.added_temperature
-        return noise / temperature * self.pulse_loss if temperature > 0.0 else float("nan")
+        return noise / temperature * self.pulse_loss * self.filter_loss if temperature > 0.0 else float("nan")
 
 
 def receiver_budget(radar: Radar, grid: ImageGrid, sigma0: float, aperture_time: float) -> ReceiverBudget:
@@ -106,8 +109,23 @@ def receiver_budget(radar: Radar, grid: ImageGrid, sigma0: float, aperture_time:
         pulse_loss=loss,
         phase_noise=float(np.sqrt(variance)),
         added_islr=loss - 1.0,
+        filter_loss=filter_loss(radar),
         bits=bits,
     )
+
+
+def filter_loss(radar: Radar) -> float:
+    r"""Noise behind the compression filter over that of the matched filter of a flat pulse, power.
+
+    .. math:: L = T_p f_s \frac{1}{N} \sum_k |H_k|^2
+
+    for filters H that give a point the peak of its echo; 1 for the inverse of a linear pulse.
+    """
+    if radar.chain is None or radar.chain.pulse_filter == "flat":
+        return 1.0
+    response = RangeCompression(radar, radar.chain.pulse_filter).response
+    gain = radar.waveform.pulse_width * radar.window.sampling_rate
+    return float(gain * np.mean(np.abs(response) ** 2))
 
 
 def echo_power(radar: Radar, grid: ImageGrid, sigma0: float) -> float:

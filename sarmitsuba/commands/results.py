@@ -411,6 +411,7 @@ def radar_record(radar: Radar) -> dict[str, object]:
         "wavelength_m": radar.waveform.wavelength,
         "bandwidth_hz": radar.waveform.bandwidth,
         "pulse_width_s": radar.waveform.pulse_width,
+        "pulse_form": radar.waveform.code or radar.waveform.sweep,
         "n_pulses": track.n_pulses,
         "prf_hz": (track.n_pulses - 1) / span if span > 0 else None,
         "speed_m_per_s": float(np.linalg.norm(track.velocity[track.center_index])),

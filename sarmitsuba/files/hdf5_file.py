@@ -130,7 +130,7 @@ _VECTORS = frozenset(
     | {"range", "range_correction", "start_range", "time"}
 )
 # fields that older files do not have, with a default: counts of pixels, direction of the chirp, date
-_LATER = ("pixels_azimuth", "pixels_range", "sweep", "epoch")
+_LATER = ("pixels_azimuth", "pixels_range", "sweep", "code", "pulse_filter", "epoch")
 # largest compression ratio: a dataset that states more is damaged or malicious
 _MOST_COMPRESSION = 1100
 _ALLOWANCE = 1 << 20  # bytes allowed for a small dataset independent of its stored size

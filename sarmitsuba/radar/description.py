@@ -255,6 +255,17 @@ class RadarDescription:
     center_frequency: float = declare_field(9.6e9, "carrier frequency", "Hz", 1e6, 1e12)
     bandwidth: float = declare_field(300e6, "bandwidth swept by the pulse", "Hz", 1000.0, 1e12)
     pulse_width: float = declare_field(2e-06, "length of the transmitted pulse", "s", 1e-10, 1.0)
+    pulse_form: str = declare_field(
+        "up",
+        "frequency over the pulse: up or down, linear; nlfm:PEDESTAL; or a phase code barker:N, frank:N, p4:N, or "
+        "file:PATH with the column phase_deg",
+    )
+    pulse_filter: Literal["auto", "flat", "matched", "mismatched"] = declare_field(
+        "auto",
+        "range compression: flat divides by the pulse's spectrum, matched is best against noise, mismatched lowers the "
+        "side lobes of codes; auto: flat of linear, matched of others",
+        choices=("auto", "flat", "matched", "mismatched"),
+    )
     polarisation: str = declare_field(
         "VV",
         "channels, transmit letter first, separated by commas: HH, HV, VH, VV; compact ones: RH, RV (right-circular "

@@ -245,6 +245,8 @@ class Radar:
         if self.delay is None:
             return 0.0
         wave = self.waveform
+        if wave.code:
+            return wave.center_frequency / wave.chirp_rate
         sign = 1.0 if wave.sweep == "up" else -1.0
         return sign * wave.center_frequency * wave.pulse_width / wave.bandwidth
 

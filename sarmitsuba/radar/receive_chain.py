@@ -42,6 +42,7 @@ class ReceiveChain:
     gain_drift_db, gain_jitter_db : change from the first to the last pulse; random change between pulses, rms
     dead_pulses : share of pulses that are lost
     transmit_gaps : whether the receiver is off while a pulse is transmitted
+    pulse_filter : of range compression, ``flat``, ``matched`` or ``mismatched``
     transmit_distortion, receive_distortion : four complex numbers as text, see :meth:`distortion`; empty: none
     """
 
@@ -60,6 +61,7 @@ class ReceiveChain:
     gain_jitter_db: float = 0.0
     dead_pulses: float = 0.0
     transmit_gaps: bool = False
+    pulse_filter: str = "flat"
     transmit_distortion: str = ""
     receive_distortion: str = ""
 
@@ -80,6 +82,7 @@ class ReceiveChain:
             or self.raw_coding != "none"
             or quadrature
             or self.transmit_gaps
+            or self.pulse_filter != "flat"
         )
 
     @property
@@ -221,11 +224,18 @@ def receive_chain_of(given: RadarInput, channels: tuple[str, ...]) -> ReceiveCha
                 f"{where}: {name} has no effect with {other} = {getattr(s, other)}; take {other} = {values[0]} or "
                 "leave it out"
             )
-    names = [f.name for f in fields(ReceiveChain) if f.name != "saturation_db"]
-    level = s.saturation_db
+    names = [f.name for f in fields(ReceiveChain) if f.name not in ("saturation_db", "pulse_filter")]
+    level, linear = s.saturation_db, s.pulse_form in ("up", "down")
     chain = ReceiveChain(
-        saturation_db=float("inf") if level is None else level, **{name: getattr(s, name) for name in names}
+        saturation_db=float("inf") if level is None else level,
+        pulse_filter=("flat" if linear else "matched") if s.pulse_filter == "auto" else s.pulse_filter,
+        **{name: getattr(s, name) for name in names},
     )
+    if not linear and chain.pulse_filter == "flat":
+        raise RadarError(
+            f"{where}: pulse_filter = flat divides by the spectrum of pulse_form = {s.pulse_form}, which has gaps; "
+            "take matched or mismatched"
+        )
     if not chain.given:
         return None
     if s.raw_coding != "none" and s.noise_temperature <= 0.0:

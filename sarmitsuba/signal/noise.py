@@ -95,7 +95,7 @@ def add_noise(raw: RawData, seed: int = 0, days: float = 0.0) -> RawData:
         for start in range(0, n_pulses, step):
             shape = (min(step, n_pulses - start), n_fast)
             noise = (
-                _white(rng, shape, power)
+                draw_white(rng, shape, power)
                 if raw.domain == "chirped"
                 else _draw_in_band(rng, shape, power, radar)
             )
@@ -105,7 +105,7 @@ def add_noise(raw: RawData, seed: int = 0, days: float = 0.0) -> RawData:
     return replace(raw, data=data, metadata=metadata)
 
 
-def _white(rng: np.random.Generator, shape: tuple[int, int], power: float) -> C64:
+def draw_white(rng: np.random.Generator, shape: tuple[int, int], power: float) -> C64:
     """Circular complex Gaussian of mean power ``power``."""
     pair = rng.standard_normal((*shape, 2), dtype=np.float32) * np.float32(np.sqrt(0.5 * power))
     return np.asarray(pair.view(np.complex64)[..., 0])
@@ -120,5 +120,5 @@ def _draw_in_band(rng: np.random.Generator, shape: tuple[int, int], power: float
         (0.5 * share - bins) * n_fft + 0.5, 0.0, 1.0
     )  # an edge bin is weighted by its part within the band
     gain = np.sqrt(gain * (n_fft / gain.sum())).astype(np.float32)
-    white = _white(rng, (shape[0], n_fft), power) * (gain * np.float32(np.sqrt(n_fft)))
+    white = draw_white(rng, (shape[0], n_fft), power) * (gain * np.float32(np.sqrt(n_fft)))
     return np.asarray(scipy.fft.ifft(white, axis=-1, workers=-1, overwrite_x=True)[:, : shape[1]])

@@ -19,7 +19,7 @@ from sarmitsuba.radar.receive_chain import ReceiveChain
 from sarmitsuba.signal.chirp import n_fast_chirped, to_chirped
 from sarmitsuba.signal.focusing.range_compression import RangeCompression
 from sarmitsuba.signal.interference import draw_interference
-from sarmitsuba.signal.noise import add_noise, noise_generator
+from sarmitsuba.signal.noise import add_noise, draw_white, noise_generator, noise_power
 from sarmitsuba.signal.quantiser import quantise_blocks, quantise_flexibly, quantise_uniform
 from sarmitsuba.signal.raw_data import Layer, RawData
 
@@ -59,7 +59,9 @@ def receive(raw: RawData, seed: int = 0, days: float = 0.0) -> RawData:
         raise DataError(f"receive needs range-compressed raw data, but these are {raw.domain}")
     if chain.distorts:
         raw = distort(raw, chain)
-    raw = add_noise(raw, seed, days)
+    # other filters than the inverse of the pulse shape noise as well, which then comes before them
+    if chain.pulse_filter == "flat":
+        raw = add_noise(raw, seed, days)
     factors, facts = pulse_factors(raw.radar, seed, days)
     alive = factors != 0.0
     data = raw.data * np.where(alive, factors, 1.0).astype(np.complex64)[:, None]
@@ -164,13 +166,13 @@ def _record(
     """
     chain = radar.chain or ReceiveChain()
     n_pulses = data.shape[1]
-    compression = RangeCompression(radar, "flat")
+    compression = RangeCompression(radar, chain.pulse_filter)
     step = max(1, _BATCH // n_fast_chirped(radar))
     # echoes from a whole window rise and fall at both ends of the record: samples of the same energy at full level
     full = max(radar.window.n_samples, n_fast_chirped(radar) - radar.window.n_samples)
     parts = [slice(start, min(start + step, n_pulses)) for start in range(0, n_pulses, step)]
     facts: dict[str, object] = {}
-    for channel in dict.fromkeys(layer.channel for layer in layers):
+    for index, channel in enumerate(dict.fromkeys(layer.channel for layer in layers)):
         own = [i for i, layer in enumerate(layers) if layer.channel == channel]
         lowest = min(layers[i].order for i in own)
         targets = [i for i in own if layers[i].order == lowest]
@@ -180,19 +182,35 @@ def _record(
             made = RawData(total, (Layer(channel),), "compressed", radar.of_pulses(pick))
             return np.asarray(to_chirped(made).data[0])
 
-        def with_interference(pick: slice, echoes: C64) -> C64:
-            return echoes if radar.emitters is None else echoes + draw_interference(radar, *drawn, pick)
+        def draw_beside(pick: slice, rng: np.random.Generator) -> C64 | float:
+            """Thermal noise, where the filter is not the inverse of the pulse, and interference."""
+            beside: C64 | float = 0.0
+            if radar.emitters is not None:
+                beside = draw_interference(radar, *drawn, pick)
+            if chain.pulse_filter != "flat" and radar.noise_temperature > 0.0:
+                shape = (pick.stop - pick.start, n_fast_chirped(radar))
+                beside = beside + draw_white(rng, shape, noise_power(radar, "chirped"))
+            return beside
 
-        energy = 0.0
+        def noise(index: int = index) -> np.random.Generator:
+            return noise_generator(radar, drawn[0], index, drawn[1])
+
+        energy, rng = 0.0, noise()
         for pick in parts if chain.changes_samples else ():
-            seen = with_interference(pick, chirped(pick))
+            seen = chirped(pick) + draw_beside(pick, rng)
             energy += float(np.vdot(seen, seen).real)
         rms = float(np.sqrt(0.5 * energy / (n_pulses * full)))
-        bits = 0.0
+        bits, rng = 0.0, noise()
         for pick in parts:
             before = chirped(pick)
-            after, used = record_samples(with_interference(pick, before), radar, pick, rms)
+            seen = (before + draw_beside(pick, rng)).astype(np.complex64)
+            after, used = record_samples(seen, radar, pick, rms)
             bits += used
+            if chain.pulse_filter != "flat":
+                planes = RawData(
+                    data[own, pick], tuple(layers[i] for i in own), "compressed", radar.of_pulses(pick)
+                )
+                data[own, pick] = compression.forward(to_chirped(planes).data)
             change = compression.forward((after - before)[None])[0]
             for i in targets:
                 data[i, pick] += change * np.float32(SUBSET_SHARES[layers[i].subset])

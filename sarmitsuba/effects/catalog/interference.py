@@ -20,6 +20,7 @@ class Interference(Effect):
     off_means = "echoes alone"
     rank = 142
     at_key_pulses = False
+    of_receiver = True
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""

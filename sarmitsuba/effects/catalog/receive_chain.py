@@ -21,6 +21,7 @@ class Chain(Effect):
     off_means = "an ideal receiver"
     rank = 141
     at_key_pulses = False
+    of_receiver = True
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
