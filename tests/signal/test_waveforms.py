@@ -8,7 +8,8 @@ import pytest
 from sarmitsuba import PointTarget, RadarDescription, build_scene, focus, simulate
 from sarmitsuba.analysis.link_budget import link_budget
 from sarmitsuba.analysis.receiver_budget import filter_loss
-from sarmitsuba.core.errors import RadarError
+from sarmitsuba.cli import main
+from sarmitsuba.core.errors import DataError, RadarError
 from sarmitsuba.core.units import db_from_power
 from sarmitsuba.files import read_raw, write_raw
 from sarmitsuba.radar.film import FilmDescription
@@ -135,6 +136,14 @@ def test_chips_of_a_file_are_kept_in_raw_data(tmp_path):
     write_raw(raw, tmp_path / "raw.h5")
     again = read_raw(tmp_path / "raw.h5")
     assert again.radar.waveform == raw.radar.waveform and again.radar.chain == raw.radar.chain
+
+
+def test_what_needs_a_linear_chirp_refuses(tmp_path):
+    scene = scene_of(pulse_form="barker:13")
+    with pytest.raises(DataError, match="needs a linear chirp, and the waveform is barker:13"):
+        focus(simulate(scene, seed=1), interference_filter="time_frequency")
+    coded = ["-D", "sar_antenna.pulse_form=barker:13", "--raw", "chirped", "-o", str(tmp_path / "out")]
+    assert main(["render", "point", *coded]) != 0
 
 
 @pytest.mark.parametrize(

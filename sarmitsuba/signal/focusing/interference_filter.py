@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C64, F32, F64
 from sarmitsuba.core.errors import DataError
+from sarmitsuba.core.parameters import one_line
 from sarmitsuba.core.registry import Registry
 from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.radar.radar import Radar
@@ -98,6 +99,11 @@ class TimeFrequency(InterferenceFilter):
 
     def clean(self, raw: RawData) -> tuple[RawData, float]:
         """See the class."""
+        if raw.radar.waveform.code:
+            raise DataError(
+                f"interference filter {self.name}: it needs a linear chirp, and the waveform is "
+                f"{one_line(raw.radar.waveform.code)}; take notch"
+            )
         chirped = to_chirped(raw).data
         n_pulses, n = chirped.shape[1:]
         lit, usual = self._lit_cells(raw.radar)
