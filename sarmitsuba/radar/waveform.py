@@ -1,4 +1,4 @@
-"""Transmitted waveform: linear and nonlinear frequency modulation, phase codes; letters of radar bands."""
+"""Transmitted waveform: linear and nonlinear frequency modulation, phase codes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -157,14 +157,3 @@ def _number(code: str, text: str) -> float:
     if not abs(value) < 1e9:
         raise RadarError(f'waveform: "{one_line(code)}" has no number where "{one_line(text)}" stands')
     return value
-
-
-# Hz, within IEEE Std 521: ALOS-2, NISAR's S band, Sentinel-1, TerraSAR-X, airborne Ku and Ka radars
-BANDS: Mapping[str, float] = {
-    "L": 1.2575e9,
-    "S": 3.2e9,
-    "C": 5.405e9,
-    "X": 9.65e9,
-    "Ku": 16.7e9,
-    "Ka": 35.0e9,
-}
