@@ -202,6 +202,27 @@ def azimuth_ambiguities() -> Figure:
     )
 
 
+def receiver() -> Figure:
+    """The tower as recorded ideally, with few bits, and beside emitters without and with a filter."""
+    power = ["-D", "sar_antenna.transmit_power=100", "-D", "sar_antenna.gain_db=30", "--no-error-bars"]
+    power += ["-D", "sar_antenna.noise_temperature=600"]
+    with tempfile.TemporaryDirectory() as folder:
+        emitters = Path(folder) / "emitters.csv"
+        rows = ("narrow,300,-200,2,20,9.7e9,2e5", "narrow,-80,150,2,20,9.55e9,0")
+        emitters.write_text("\n".join(["kind,x_m,y_m,z_m,eirp_w,frequency_hz,bandwidth_hz", *rows]) + "\n")
+        beside = [*power, "-D", f"sar_antenna.interference_file={emitters}"]
+        coded = ["-D", "sar_antenna.raw_coding=baq", "-D", "sar_antenna.baq_bits=1"]
+        return _panels(
+            "tower",
+            {
+                "ideal receiver": power,
+                "BAQ of 1 bit": [*power, *coded],
+                "two emitters": beside,
+                "with --interference-filter notch": [*beside, "--interference-filter", "notch"],
+            },
+        )
+
+
 def moving() -> Figure:
     """Cars and a train that drive, with arrows from where they are, and the same at rest."""
     figure = Figure(figsize=(9.6, 5.2), layout="constrained")
@@ -682,6 +703,7 @@ FIGURES = {
         sea,
         facades,
         azimuth_ambiguities,
+        receiver,
         focusers,
         interferogram_tower,
         interferogram_fields,

@@ -249,7 +249,8 @@ class EchoLabels:
         settings = replace(scene.settings, method="image", keep_subsets=False, keep_orders=False)
         if seed is not None:
             settings = replace(settings, seed=seed)
-        run = Run(replace(scene, settings=settings))
+        # labels are of echoes before they are received
+        run = Run(replace(scene, settings=settings, radar=replace(scene.radar, chain=None, emitters=None)))
         self.imager = Imager(run, grid, range_window=windows[0], azimuth_window=windows[1])
         run.admit(grid)
         self.scene, self.grid, self.classes = scene, grid, classes

@@ -18,6 +18,7 @@ from sarmitsuba.analysis.pulse_timing import (
     range_ambiguity,
     vantage_of,
 )
+from sarmitsuba.analysis.receiver_budget import ReceiverBudget, receiver_budget
 from sarmitsuba.core.arrays import F64
 from sarmitsuba.core.constants import DEFAULT_WINDOW, SPEED_OF_LIGHT
 from sarmitsuba.core.errors import RadarError
@@ -68,6 +69,7 @@ class PlaceBudget:
     nesz : noise-equivalent sigma0 of the image, linear; independent of a pointing error
     nesz_textbook : noise-equivalent sigma0 by the textbook form, for equal pulses at boresight
     rcs, sigma0 : of the signals, m^2 and linear
+    nesz_received : noise-equivalent sigma0 with the noise and losses of the receive chain, and interference
     azimuth_ambiguity : azimuth ambiguity-to-signal ratio of homogeneous ground; NaN: unknown
     range_ambiguity : range ambiguity-to-signal ratio of homogeneous ground; NaN: unknown
     """
@@ -92,6 +94,7 @@ class PlaceBudget:
     nesz_textbook: float
     rcs: float
     sigma0: float
+    nesz_received: float = float("nan")
     azimuth_ambiguity: float = float("nan")
     range_ambiguity: float = float("nan")
 
@@ -456,6 +459,7 @@ class LinkBudget:
     timing : pulses, echoes and power
     places : near end, middle and far end of the swath, at the image's centre in azimuth
     data : raw data
+    receiver : losses of the receive chain and interference; None without
     findings : inconsistencies and disadvantages
     """
 
@@ -472,6 +476,7 @@ class LinkBudget:
     timing: PulseTiming
     places: tuple[PlaceBudget, ...]
     data: DataVolume
+    receiver: ReceiverBudget | None
     findings: tuple[Finding, ...]
 
     @property
@@ -527,7 +532,7 @@ def link_budget(
 
     Notes
     -----
-    For backprojection, which the other focusers match. Ignores the atmosphere, quantisation and clutter.
+    For backprojection, which the other focusers match. Ignores the atmosphere and clutter.
     """
     scene = Scene.of(scene)
     radar = scene.radar
@@ -561,6 +566,12 @@ def link_budget(
         )
         for name, point in (("near", line[0]), ("middle", middle), ("far", line[-1]))
     )
+    receiver = None
+    if radar.received:
+        center = places[len(places) // 2]
+        receiver = receiver_budget(radar, grid, processing.sigma0, center.aperture_time)
+        raised = receiver.raise_noise(radar.noise_temperature)
+        places = tuple(replace(place, nesz_received=place.nesz * raised) for place in places)
     return LinkBudget(
         scene=scene.name,
         mode=radar.mode,
@@ -575,6 +586,7 @@ def link_budget(
         timing=timing,
         places=places,
         data=_data(radar),
+        receiver=receiver,
         findings=findings(radar, timing, places, scene.description),
     )
 
@@ -640,11 +652,14 @@ def _table(budget: LinkBudget) -> str:
             f"for {budget.data.seconds:.3g} s",
         ),
     ]
-    width = max(len(name) for name, _ in (*radar, *pulses, *((label, "") for label, _ in _ROWS)))
+    if budget.receiver is not None:
+        pulses += _receiver_lines(budget.receiver)
+    rows = _ROWS if budget.receiver is not None else tuple(row for row in _ROWS if row[0] != _RECEIVED)
+    width = max(len(name) for name, _ in (*radar, *pulses, *((label, "") for label, _ in rows)))
     lines = [f"{budget.scene}:", *(f"  {name:<{width}}  {value}" for name, value in (*radar, *pulses))]
-    columns = [[place.name, *(value(place) for _, value in _ROWS)] for place in budget.places]
+    columns = [[place.name, *(value(place) for _, value in rows)] for place in budget.places]
     sizes = [max(len(cell) for cell in column) for column in columns]
-    for i, label in enumerate(("swath", *(label for label, _ in _ROWS))):
+    for i, label in enumerate(("swath", *(label for label, _ in rows))):
         cells = "  ".join(f"{column[i]:>{size}}" for column, size in zip(columns, sizes, strict=True))
         lines.append(f"  {label:<{width}}  {cells}")
     lines += [
@@ -652,6 +667,29 @@ def _table(budget: LinkBudget) -> str:
         for finding in budget.findings
     ]
     return "\n".join(lines)
+
+
+def _receiver_lines(receiver: ReceiverBudget) -> list[tuple[str, str]]:
+    """Lines of the table about the receive chain."""
+    coding = f", coded with {receiver.bits} bits" if receiver.bits else ""
+    return [
+        (
+            "receiver",
+            f"signal to quantisation noise {_db(receiver.quantisation_ratio)} dB{coding}, level "
+            f"{_db(receiver.gain)} dB",
+        ),
+        (
+            "pulses' errors",
+            f"SNR {_db(1.0 / receiver.pulse_loss)} dB, filter {_db(1.0 / receiver.filter_loss)} dB, side lobes added "
+            f"{_db(receiver.added_islr)} dB, phase noise "
+            f"{receiver.phase_noise:.3g} rad",
+        ),
+        (
+            "as temperature",
+            f"ground's echoes {receiver.echo_temperature:.4g} K, receive chain {receiver.added_temperature:.4g} K, "
+            f"interference {receiver.interference_temperature:.4g} K",
+        ),
+    ]
 
 
 def _or(value: float, form: str) -> str:
@@ -671,6 +709,7 @@ def _bands(bands: tuple[tuple[float, float], ...], prf: float) -> str:
     return f"{shown} Hz{f' ({len(bands)} bands in all)' if len(bands) > len(near) else ''}"
 
 
+_RECEIVED = "NESZ, received (dB)"
 _ROWS: tuple[tuple[str, Callable[[PlaceBudget], str]], ...] = (
     ("slant range (m)", lambda p: f"{p.slant_range:.7g}"),
     ("incidence (deg)", lambda p: f"{np.degrees(p.incidence_angle):.3f}"),
@@ -683,6 +722,7 @@ _ROWS: tuple[tuple[str, Callable[[PlaceBudget], str]], ...] = (
     ("SNR of the point (dB)", lambda p: _db(p.snr)),
     ("SNR of the ground (dB)", lambda p: _db(p.snr_ground)),
     ("NESZ (dB)", lambda p: _db(p.nesz)),
+    (_RECEIVED, lambda p: _db(p.nesz_received)),
     ("NESZ, textbook (dB)", lambda p: _db(p.nesz_textbook)),
     ("azimuth ambiguity (dB)", lambda p: _db(p.azimuth_ambiguity)),
     ("range ambiguity (dB)", lambda p: _db(p.range_ambiguity)),

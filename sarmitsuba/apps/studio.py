@@ -32,11 +32,11 @@ from sarmitsuba.apps.fit.parsing import list_parameters
 from sarmitsuba.apps.studio_bench import View, command, first_state, save, surfaces, view_of
 from sarmitsuba.apps.studio_scene import beam_at, bodies, image_plane, track_shown
 from sarmitsuba.core.arrays import F32, F64, U8
+from sarmitsuba.core.constants import BANDS
 from sarmitsuba.core.errors import SarmitsubaError
 from sarmitsuba.core.timing import Clock
 from sarmitsuba.radar.mode import MODES
 from sarmitsuba.radar.polarisation import CHANNELS
-from sarmitsuba.radar.waveform import BANDS
 from sarmitsuba.scene.materials.named_materials import MATERIALS
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.image import SarImage

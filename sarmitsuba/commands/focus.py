@@ -179,6 +179,14 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
         help="autofocus: estimate the track's error from the data (default: none). ",
     )
     parser.add_argument(
+        "--interference-filter",
+        action=_Listing,
+        entries=_interference_filters,
+        default="none",
+        metavar="NAME[,OPTION=VALUE...]",
+        help="filter against interference, before focusing (default: none). ",
+    )
+    parser.add_argument(
         "--window",
         action=_Listing,
         entries=_windows,
@@ -211,6 +219,10 @@ def check_focus_arguments(args: argparse.Namespace) -> None:
         from sarmitsuba.signal.focusing.autofocus import parse_autofocus
 
         parse_autofocus(args.autofocus)
+    if args.interference_filter != "none":
+        from sarmitsuba.signal.focusing.interference_filter import parse_interference_filter
+
+        parse_interference_filter(args.interference_filter)
     if args.outlines:
         from sarmitsuba.view.outlines import check_installed
 
@@ -231,6 +243,12 @@ def _autofocusers() -> str:
     from sarmitsuba.signal.focusing.autofocus import AUTOFOCUSERS
 
     return " ".join(f"{entry.name}: {entry.help}." for entry in AUTOFOCUSERS)
+
+
+def _interference_filters() -> str:
+    from sarmitsuba.signal.focusing.interference_filter import INTERFERENCE_FILTERS
+
+    return " ".join(f"{entry.name}: {entry.help}." for entry in INTERFERENCE_FILTERS)
 
 
 def _formats() -> str:
@@ -394,6 +412,7 @@ def focus_into(
             azimuth_window=args.window,
             motion_compensation=args.motion_compensation,
             autofocus=args.autofocus,
+            interference_filter=args.interference_filter,
             progress=console.progress,
         )
     facts = image.metadata.get("focus", {})
@@ -402,8 +421,14 @@ def focus_into(
         "window": args.window,
         "motion_compensation": args.motion_compensation,
         "autofocus": args.autofocus,
+        "interference_filter": args.interference_filter,
     }
     record["focus"] = done
+    if cost := facts.get("interference_filter"):
+        console.say(
+            f"interference filter {cost['method']}: {100.0 * cost['removed_share']:.2g} % of the spectrum removed; "
+            f"SNR {-cost['snr_loss_db']:.2f} dB, side lobes added {cost['islr_added_db']:.1f} dB"
+        )
     if "chosen" in facts:
         record["focus"] = {**done, "method": facts["method"], "chosen": facts["chosen"]}
         console.say(f"focuser: {facts['chosen']}")
@@ -445,11 +470,17 @@ def _compare(
     from sarmitsuba.commands import results
     from sarmitsuba.signal.focusing import default_grid, image_request
     from sarmitsuba.signal.focusing.comparison import compare_focusers
+    from sarmitsuba.signal.focusing.interference_filter import filter_interference, parse_interference_filter
+    from sarmitsuba.signal.focusing.range_compression import range_compress
     from sarmitsuba.view.charts import focusers_figure
 
     with watch.stage("focus"):
         # grid of `focus`: of the start-stop radar
         grid = default_grid(raw.radar.start_stop(), request or image_request(raw))
+        if (filtering := parse_interference_filter(args.interference_filter)) is not None:
+            raw, record["interference_filter"] = filter_interference(
+                range_compress(raw, method="flat"), filtering
+            )
         found = compare_focusers(raw, grid, window=args.window, progress=console.progress)
     for result in found:
         facts = f"refused: {result.refusal}"

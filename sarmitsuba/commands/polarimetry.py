@@ -46,10 +46,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar=("AZIMUTH", "RANGE"),
         help="size of the averaging window in pixels (default: 5 x 5 resolution cells; for the Pauli colours one cell)",
     )
+    parser.add_argument(
+        "--targets",
+        metavar="CSV",
+        help="calibrate first: trihedrals and dihedrals, one a line under the header kind,x_m,y_m,z_m,rotation_deg",
+    )
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Decompose."""
+    from sarmitsuba.analysis.polarimetric_calibration import calibrate_polarimetry, read_targets
     from sarmitsuba.analysis.polarimetry import (
         automatic_looks,
         coherency,
@@ -70,6 +76,11 @@ def run(args: argparse.Namespace, console: Console) -> int:
     target = Path(args.output or source.parent)
     OutputFolder(target).check_names((TABLE,))
     image = read_image(source)
+    calibration = {}
+    if args.targets:
+        found = calibrate_polarimetry(image, read_targets(args.targets))
+        image, calibration = found.correct(image), {"calibration": found.as_dict()}
+        console.say(str(found))
     report = polarimetry_report(image, tuple(args.looks) if args.looks else None)
     console.say(report.as_table())
     figures: dict[str, Drawing] = {}
@@ -95,7 +106,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
             figures[name] = partial(composite_figure, image, colours(powers), report.looks, title, legend)
     with output_folder(target) as folder:
         with folder.writing(TABLE) as path:
-            parameter_file.write(path, {"command": NAME, "image": str(source), **report.as_dict()})
+            parameter_file.write(
+                path, {"command": NAME, "image": str(source), **calibration, **report.as_dict()}
+            )
         for name, draw in figures.items():
             console.say(str(draw_into(folder, name, draw, console)))
     return 0

@@ -39,7 +39,7 @@ _BANDWIDTH, _BAND_SHARE = 300e6, 0.2
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    from sarmitsuba.radar.waveform import BANDS
+    from sarmitsuba.core.constants import BANDS
 
     add_scene_arguments(parser)
     parser.add_argument(
@@ -221,8 +221,8 @@ def _check_numbers(args: argparse.Namespace) -> None:
 
 def _scene(args: argparse.Namespace, console: Console) -> "Scene":
     """The scene at the frequency asked for; a mesh without a radar gets one."""
+    from sarmitsuba.core.constants import BANDS
     from sarmitsuba.loading.from_mesh import is_mesh_file
-    from sarmitsuba.radar.waveform import BANDS
 
     frequency = BANDS[args.band] if args.band else args.frequency
     if args.radar is None and is_mesh_file(Path(args.scene)):

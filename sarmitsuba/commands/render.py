@@ -243,6 +243,12 @@ def _raw_and_image(
 
     formats = results.Formats.parse(args.format)
     found = None
+    compression = "flat" if scene.radar.chain is None else scene.radar.chain.pulse_filter
+    if args.raw == "chirped" and compression != "flat":
+        raise DataError(
+            f"{scene.name}: --raw chirped: a {compression} filter cannot be undone; leave "
+            "it out, or take pulse_filter = flat"
+        )
     if not (args.force or scene.settings.adds_passes):
         with watch.stage("read raw"):
             found = results.saved_raw(folder, formats, run_hash, console)
@@ -380,6 +386,7 @@ def _image_only(
             "focuser": args.focuser,
             "motion_compensation": args.motion_compensation,
             "autofocus": args.autofocus,
+            "interference_filter": args.interference_filter,
         }
     )
     with watch.stage("simulate"):

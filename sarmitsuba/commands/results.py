@@ -414,6 +414,7 @@ def radar_record(radar: Radar) -> dict[str, object]:
         "wavelength_m": radar.waveform.wavelength,
         "bandwidth_hz": radar.waveform.bandwidth,
         "pulse_width_s": radar.waveform.pulse_width,
+        "pulse_form": radar.waveform.code or radar.waveform.sweep,
         "n_pulses": track.n_pulses,
         "prf_hz": (track.n_pulses - 1) / span if span > 0 else None,
         "speed_m_per_s": float(np.linalg.norm(track.velocity[track.center_index])),
@@ -432,4 +433,8 @@ def radar_record(radar: Radar) -> dict[str, object]:
         "transmit_power_w": radar.transmit_power,
         "noise_temperature_k": radar.noise_temperature,
         "losses": radar.losses,
+        "emitters": 0 if radar.emitters is None else radar.emitters.kind.size,
+        "receive_chain": None
+        if radar.chain is None
+        else {name: getattr(radar.chain, name) for name in radar.chain.given},
     }

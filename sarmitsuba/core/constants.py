@@ -21,3 +21,14 @@ RAY_ERROR_ORDER = 0.83
 
 # window of images in Python and on the command line: without one the side lobes of a city's corners cross its picture
 DEFAULT_WINDOW = "taylor"
+
+# letters of radar bands with a usual frequency of each, Hz, within IEEE Std 521: ALOS-2, NISAR's S band, Sentinel-1,
+# TerraSAR-X, airborne Ku and Ka radars
+BANDS: dict[str, float] = {
+    "L": 1.2575e9,
+    "S": 3.2e9,
+    "C": 5.405e9,
+    "X": 9.65e9,
+    "Ku": 16.7e9,
+    "Ka": 35.0e9,
+}

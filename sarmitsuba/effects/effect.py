@@ -90,6 +90,7 @@ class Effect(ABC):
     frequencies : at which the band is traced at least where it is on, 1 for an effect without frequency dependence
     at_key_pulses : whether its influence on the image follows from the echoes of single pulses; false for effects on
         focusing, channels or the receiver
+    of_receiver : whether it changes what the receiver makes of echoes, and not the echoes
     hidden : its echoes that faces may hide from the antenna even where rays have one bounce; empty: none
     kernel_flags : flags of the trace kernel that it sets, each with a description. Fields of `KernelFlags` are set,
         others go into `KernelFlags.extra` when they are true
@@ -103,6 +104,7 @@ class Effect(ABC):
     rank: ClassVar[int]
     frequencies: ClassVar[int] = 1
     at_key_pulses: ClassVar[bool] = True
+    of_receiver: ClassVar[bool] = False
     hidden: ClassVar[str] = ""
     kernel_flags: ClassVar[Mapping[str, str]] = _NO_FLAGS
 

@@ -35,7 +35,11 @@ D = TypeVar("D", bound="DataclassInstance")
 
 # unit and meaning of every number, by field name, or by class and field for names with several meanings
 FACTS: Mapping[str, tuple[str, str]] = {
+    "Emitters.bandwidth": ("Hz", "of a narrow band or of a chirp"),
+    "Emitters.position": ("m", "of the emitters"),
+    "Emitters.pulse_width": ("s", "of chirps and pulses"),
     "Anchor.height": ("m", "of the origin of the frame, over the WGS-84 ellipsoid"),
+    "adc_bits": ("1", "of the converter, for I and for Q; 0: none"),
     "across": ("1", "horizontal unit vector across the track, towards the side looked to"),
     "aim_point": ("m", "reference point of the geometry"),
     "along": ("1", "horizontal unit vector of flight"),
@@ -44,19 +48,37 @@ FACTS: Mapping[str, tuple[str, str]] = {
     "azimuth_cut": ("rad, 1", "angle off boresight and one-way power gain over its peak"),
     "azimuth_beamwidth": ("rad", "one-way half-power width"),
     "azimuth_resolution_cell": ("m", "noise-equivalent width of the impulse response, image centre"),
+    "baq_bits": ("1", "of block-adaptive quantisation, for I and for Q"),
+    "baq_block": ("1", "samples of a pulse that share a scale"),
     "bandwidth": ("Hz", "swept by the pulse"),
+    "beam": ("1", "unit vectors of the middle of the emitters' beams"),
+    "beamwidth": ("rad", "half power, of the emitters"),
     "boresight": ("1", "unit vector of the beam, per pulse"),
     "cell_area": ("m^2", "ground area of a resolution cell: sigma0 = |pixel|^2 / cell_area"),
     "center_frequency": ("Hz", "carrier"),
     "center_x": ("m", "image centre, east"),
     "center_y": ("m", "image centre, north"),
     "cycle": ("s", "from a burst to the next of the same sub-swath"),
+    "dead_pulses": ("1", "share of pulses that were lost"),
     "delay": ("s", "delay from transmission to reception, per pulse, where the antenna moves on meanwhile"),
+    "eirp": ("W", "peak power of an emitter times the gain at the middle of its beam"),
     "elevation_axis": ("1", "unit vector across the aperture, per pulse"),
     "elevation_cut": ("rad, 1", "angle off boresight and one-way power gain over its peak"),
     "elevation_beamwidth": ("rad", "one-way half-power width"),
     "extent_azimuth": ("m", "image size along the track, on the ground"),
     "extent_range": ("m", "image size across the track, on the ground"),
+    "frequency": ("Hz", "middle of the emitters' bands"),
+    "kind": ("1", "of emitters: 0 narrow-band, 1 chirps, 2 pulses"),
+    "repetition": ("Hz", "pulse repetition frequency of the emitters"),
+    "fdbaq_margin_db": ("dB", "least ratio of thermal to quantisation noise"),
+    "gain_drift_db": ("dB", "change of the receiver's gain from the first to the last pulse"),
+    "gain_jitter_db": ("dB", "random change of the receiver's gain between pulses, rms"),
+    "iq_gain_db": ("dB", "gain of Q over that of I"),
+    "iq_offset_i": ("1", "constant added to I, over the rms of I"),
+    "iq_offset_q": ("1", "constant added to Q, over the rms of Q"),
+    "iq_phase_deg": ("deg", "angle between Q and I less 90 degrees"),
+    "saturation_db": ("dB", "level at which I and Q are clipped, over their rms; inf: none"),
+    "transmit_gaps": ("1", "1: the receiver was off while a pulse was transmitted"),
     "gain": ("1", "peak one-way power gain of the antenna"),
     "half_aperture": ("1", "half the synthetic aperture of a pixel, in sines; inf: all pulses serve every pixel"),
     "height": ("m", "height of the horizontal image plane"),
@@ -95,7 +117,12 @@ _VECTORS = frozenset(
         "along",
         "azimuth",
         "cell_area",
+        "beamwidth",
         "delay",
+        "eirp",
+        "frequency",
+        "kind",
+        "repetition",
         "incidence_angle",
         "origin",
         "phase_correction",
@@ -103,7 +130,7 @@ _VECTORS = frozenset(
     | {"range", "range_correction", "start_range", "time"}
 )
 # fields that older files do not have, with a default: counts of pixels, direction of the chirp, date
-_LATER = ("pixels_azimuth", "pixels_range", "sweep", "epoch")
+_LATER = ("pixels_azimuth", "pixels_range", "sweep", "code", "pulse_filter", "epoch")
 # largest compression ratio: a dataset that states more is damaged or malicious
 _MOST_COMPRESSION = 1100
 _ALLOWANCE = 1 << 20  # bytes allowed for a small dataset independent of its stored size
@@ -128,6 +155,8 @@ def write_fields(group: h5py.Group, content: "DataclassInstance", leave_out: tup
             group.attrs[field.name] = value
         elif isinstance(value, np.datetime64):
             group.attrs[field.name] = utc_text(value)
+        elif isinstance(value, bool):
+            write_number(group, field.name, int(value), type(content).__name__)
         elif isinstance(value, tuple):
             group.attrs[field.name] = list(value)
         else:
@@ -170,6 +199,8 @@ def _value(group: h5py.Group, name: str, hint: type) -> object:
     """Field of a dataclass by its declared type."""
     if dataclasses.is_dataclass(hint):
         return read_fields(group_of(group, name), hint)
+    if hint is bool:
+        return bool(number(group, name, int))
     if hint is float or hint is int:
         return number(group, name, float if hint is float else int)
     if typing.get_origin(hint) is tuple:

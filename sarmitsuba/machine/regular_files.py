@@ -3,11 +3,12 @@
 import errno
 import os
 import stat
+from collections.abc import Collection, Mapping
 from itertools import islice
 from pathlib import Path
 
 from sarmitsuba.core.errors import DataError, OutputError, SarmitsubaError
-from sarmitsuba.core.parameters import did_you_mean
+from sarmitsuba.core.parameters import did_you_mean, one_line
 
 # a city of a million buildings; larger files must be divided
 LARGEST = 1 << 30
@@ -106,6 +107,61 @@ def read_text(path: Path | str, *, errors: str = "replace", most: int = LARGEST)
     """
     text = read_bytes(path, most).decode("utf-8", errors)
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def read_rows(
+    path: Path | str,
+    what: str,
+    texts: Collection[str],
+    numbers: Mapping[str, float | None],
+    error: type[SarmitsubaError],
+) -> list[dict[str, str | float]]:
+    """Rows of a CSV file whose first line names its columns, in any order; ``#`` begins a comment.
+
+    Parameters
+    ----------
+    path, what : of the file, and what it holds, for messages
+    texts : names of columns of text, all needed
+    numbers : defaults of the columns of finite numbers; None: the column is needed
+    error : class of the errors
+
+    Raises
+    ------
+    ``error`` with one line: the file cannot be read, or a column or cell is missing, unknown or no number
+    """
+    try:
+        text = read_text(path, errors="strict")
+    except (OSError, UnicodeDecodeError) as failure:
+        reason = getattr(failure, "strerror", None) or failure
+        raise error(f"{path}: cannot read {what}: {reason}") from failure
+    lines = [[cell.strip() for cell in line.partition("#")[0].split(",")] for line in text.splitlines()]
+    named = [(number, cells) for number, cells in enumerate(lines, 1) if cells != [""]]
+    header = named[0][1] if named else []
+    known = [*texts, *numbers]
+    needed = [*texts, *(name for name, default in numbers.items() if default is None)]
+    for name in header:
+        if name not in known or header.count(name) > 1:
+            raise error(
+                f'{path}: column "{one_line(name)}"{did_you_mean(name, known)}; there are {", ".join(known)}'
+            )
+    if missing := [name for name in needed if name not in header]:
+        raise error(f"{path}: no column {missing[0]}; the first line names the columns: {', '.join(needed)}")
+    rows: list[dict[str, str | float]] = []
+    for number, cells in named[1:]:
+        row: dict[str, str | float] = {k: v for k, v in numbers.items() if v is not None}
+        try:
+            for name, cell in zip(header, cells, strict=True):
+                row[name] = cell if name in texts else float(cell)
+        except ValueError:
+            raise error(
+                f'{path}:{number}: "{one_line(",".join(cells))}" is not {", ".join(header)}'
+            ) from None
+        if not all(isinstance(value, str) or abs(value) < 1e300 for value in row.values()):
+            raise error(f"{path}:{number}: holds a number that is not finite")
+        rows.append(row)
+    if not rows:
+        raise error(f"{path}: {what} has no rows below its header")
+    return rows
 
 
 def most_unpacked(size: int) -> int:

@@ -16,6 +16,7 @@ from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.core.parameters import Value
 from sarmitsuba.core.units import power_from_db
+from sarmitsuba.machine.regular_files import read_rows
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.aperture import (
     automatic_track,
@@ -31,17 +32,19 @@ from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import Extent, ImageRequest, build_image_request, faded_box, image_box
+from sarmitsuba.radar.interference import emitters_of
 from sarmitsuba.radar.mode import MODES, AimGeometry, FlightPath, right_of
 from sarmitsuba.radar.orbit import EphemerisPath, orbit_of
 from sarmitsuba.radar.pattern import PATTERNS, PatternTable
 from sarmitsuba.radar.polarisation import read_channels
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
+from sarmitsuba.radar.receive_chain import receive_chain_of
 from sarmitsuba.radar.receiver import receiver_track
 from sarmitsuba.radar.swath import Box, ambiguities, check_coverage, receive_window
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.track_errors import pointing_error, recorded_track
 from sarmitsuba.radar.utc import DEFAULT_EPOCH, utc_after, utc_of
-from sarmitsuba.radar.waveform import Waveform
+from sarmitsuba.radar.waveform import MOST_CHIPS, Waveform
 
 
 def antenna_of(given: RadarInput, wavelength: float) -> Antenna:
@@ -249,7 +252,7 @@ def build_radar(
     """
     shift = np.zeros(3) if offset is None else offset
     s = given.sensor
-    waveform = Waveform(s.center_frequency, s.bandwidth, s.pulse_width)
+    waveform = _waveform(given)
     film = _film(given)
     channels = read_channels(s.polarisation, given.where)
     aim = np.array(
@@ -272,7 +275,7 @@ def build_radar(
     burst = _burst_of(given, geometry, path, anchor, shift)
     if burst is not None:
         given, geometry, s = burst.given, burst.geometry, burst.given.sensor
-        waveform = Waveform(s.center_frequency, s.bandwidth, s.pulse_width)
+        waveform = _waveform(given)
     antenna = antenna_of(given, waveform.wavelength)
     scene = Box(geometry.aim, geometry.axes, *extent.in_axes(geometry.aim, geometry.axes))
     if track is None and orbit is None:
@@ -327,18 +330,63 @@ def build_radar(
         recorded=recorded_track(given, track, shift),
         anchor=anchor,
         burst=None if burst is None else burst.burst,
+        chain=receive_chain_of(given, channels),
+        emitters=emitters_of(given, waveform, shift),
         recorded_pointing=None if error.is_none else nominal,
         receiver=receiver,
         receiver_pointing=None
         if receiver is None
         else _follower_pointing(s.mode, receiver, geometry, values),
     )
+    _check_chips(radar, given)
     seen = check_coverage(radar, scene, box, given.where, given.film_where)
     doubts += doubtful_pixels(image, radar, given.film_where)
     doubts += ambiguities(radar, seen, box, given.where, derived=prf_derived)
     for text in doubts:
         _warn(text)
     return radar, image, notes if burst is None else (*notes, burst.note)
+
+
+def _check_chips(radar: Radar, given: RadarInput) -> None:
+    """Raise a RadarError where a mismatched filter meets chips that are no whole number of samples."""
+    chips = radar.waveform.chips
+    if radar.chain is None or radar.chain.pulse_filter != "mismatched" or chips is None:
+        return
+    per_second = chips.size / radar.waveform.pulse_width
+    samples = radar.window.sampling_rate / per_second
+    if abs(samples - round(samples)) > 1e-6 * samples:
+        raise RadarError(
+            f"{given.where}: pulse_filter = mismatched needs whole samples a chip, and there are {samples:.4g}; give "
+            f"the range_film sampling_rate = {np.ceil(samples) * per_second:.9g} Hz"
+        )
+
+
+def _waveform(given: RadarInput) -> Waveform:
+    """Waveform of a description.
+
+    Raises
+    ------
+    RadarError
+        The code is unknown or does not fit into the band, or its file cannot be read.
+    """
+    s = given.sensor
+    usual = s.center_frequency, s.bandwidth, s.pulse_width
+    if s.pulse_form == "up":
+        return Waveform(*usual)
+    if s.pulse_form == "down":
+        return Waveform(*usual, sweep="down")
+    kind, _, name = s.pulse_form.partition(":")
+    code = s.pulse_form
+    if kind == "file":
+        path = Path(name) if Path(name).is_absolute() else given.folder / name
+        rows = read_rows(path, "chips", (), {"phase_deg": None}, RadarError)
+        if len(rows) > MOST_CHIPS:
+            raise RadarError(f"{path}: {len(rows)} chips are more than {MOST_CHIPS}")
+        code = "chips:" + ",".join(f"{row['phase_deg']:g}" for row in rows)
+    try:
+        return Waveform(*usual, code=code)
+    except RadarError as error:
+        raise RadarError(f"{given.where}: pulse_form: {error}") from None
 
 
 def _burst_of(

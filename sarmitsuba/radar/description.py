@@ -255,6 +255,17 @@ class RadarDescription:
     center_frequency: float = declare_field(9.6e9, "carrier frequency", "Hz", 1e6, 1e12)
     bandwidth: float = declare_field(300e6, "bandwidth swept by the pulse", "Hz", 1000.0, 1e12)
     pulse_width: float = declare_field(2e-06, "length of the transmitted pulse", "s", 1e-10, 1.0)
+    pulse_form: str = declare_field(
+        "up",
+        "frequency over the pulse: up or down, linear; nlfm:PEDESTAL; or a phase code barker:N, frank:N, p4:N, or "
+        "file:PATH with the column phase_deg",
+    )
+    pulse_filter: Literal["auto", "flat", "matched", "mismatched"] = declare_field(
+        "auto",
+        "range compression: flat divides by the pulse's spectrum, matched is best against noise, mismatched lowers the "
+        "side lobes of codes; auto: flat of linear, matched of others",
+        choices=("auto", "flat", "matched", "mismatched"),
+    )
     polarisation: str = declare_field(
         "VV",
         "channels, transmit letter first, separated by commas: HH, HV, VH, VV; compact ones: RH, RV (right-circular "
@@ -332,6 +343,56 @@ class RadarDescription:
         0.0, "noise temperature of the receiver with its antenna; 0 adds no noise", "K", 0.0, 1e9
     )
     losses_db: float = declare_field(0.0, "two-way system losses", "dB", 0.0, 100.0)
+    adc_bits: int = declare_field(
+        0,
+        "bits of the converter, for I and for Q; uniform steps, best for Gaussian echoes; 0 = no quantisation",
+        "",
+        0,
+        8,
+    )
+    saturation_db: float | None = declare_field(
+        None, "level at which I and Q are clipped, over their rms; default: none", "dB", -20.0, 100.0
+    )
+    raw_coding: Literal["none", "baq", "fdbaq"] = declare_field(
+        "none",
+        "block-adaptive quantisation: baq with baq_bits, fdbaq with the 2, 3 or 4 bits that a block needs",
+        choices=("none", "baq", "fdbaq"),
+    )
+    baq_bits: int = declare_field(3, "bits of baq for I and for Q", "", 1, 8)
+    baq_block: int = declare_field(128, "samples of a pulse that share a scale", "", 8, 65536)
+    fdbaq_margin_db: float = declare_field(
+        0.0, "least ratio of thermal noise to the quantisation noise of fdbaq", "dB", -30.0, 30.0
+    )
+    iq_gain_db: float = declare_field(0.0, "gain of Q over that of I", "dB", -20.0, 20.0)
+    iq_phase_deg: float = declare_field(0.0, "angle between Q and I less 90 deg", "deg", -80.0, 80.0)
+    iq_offset_i: float = declare_field(0.0, "constant added to I, over the rms of I", "", -100.0, 100.0)
+    iq_offset_q: float = declare_field(0.0, "constant added to Q, over the rms of Q", "", -100.0, 100.0)
+    phase_noise: str = declare_field(
+        "",
+        "single-sideband phase noise of the oscillator, frequency:level in Hz and dBc/Hz, such as 10:-60,1000:-100",
+    )
+    gain_drift_db: float = declare_field(
+        0.0, "change of the receiver's gain from the first to the last pulse, even in dB", "dB", -60.0, 60.0
+    )
+    gain_jitter_db: float = declare_field(
+        0.0, "random change of the receiver's gain from pulse to pulse, rms", "dB", 0.0, 20.0
+    )
+    dead_pulses: float = declare_field(0.0, "share of pulses that are lost, at random", "", 0.0, 0.9)
+    transmit_gaps: bool = declare_field(
+        False, "the receiver is off while a pulse is transmitted; pri_sequence moves the gaps"
+    )
+    interference_file: str = declare_field(
+        "",
+        "CSV of emitters on the ground, one a line",
+    )
+    transmit_distortion: str = declare_field(
+        "",
+        "imbalance and cross-talk of the transmitter, complex: t_HH,t_HV,t_VH,t_VV of M = R S T",
+    )
+    receive_distortion: str = declare_field(
+        "",
+        "imbalance and cross-talk of the receiver, complex: r_HH,r_HV,r_VH,r_VV of M = R S T",
+    )
     mode_parameters: Mapping[str, Value] = field(default_factory=dict)
 
 

@@ -11,7 +11,9 @@ from sarmitsuba.core.constants import SPEED_OF_LIGHT
 from sarmitsuba.core.errors import RadarError
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.geodesy import Anchor
+from sarmitsuba.radar.interference import Emitters
 from sarmitsuba.radar.mode import MODES, RadarMode
+from sarmitsuba.radar.receive_chain import ReceiveChain
 from sarmitsuba.radar.track import Track, effective_velocity_ratio, numbers_of
 from sarmitsuba.radar.utc import utc_after
 from sarmitsuba.radar.waveform import Waveform
@@ -91,6 +93,8 @@ class Radar:
         has the positions after that delay; None: start-stop, antennas at rest during a pulse
     anchor : place on the Earth of the origin of the frame of the user's file
     burst : that the pulses are; None for modes without bursts
+    chain : receive chain; None for an ideal one
+    emitters : of interference; None without
     """
 
     mode: str
@@ -114,6 +118,8 @@ class Radar:
     delay: F64 | None = None
     anchor: Anchor = field(default_factory=Anchor)
     burst: Burst | None = None
+    chain: ReceiveChain | None = None
+    emitters: Emitters | None = None
 
     def __post_init__(self) -> None:
         if self.receiver is not None and self.receiver.n_pulses != self.track.n_pulses:
@@ -133,6 +139,12 @@ class Radar:
             f"Radar({self.mode}: {wave}, {'/'.join(self.channels)}, {self.track.n_pulses} pulses from "
             f"{distance:.5g} m, look {self.look_side})"
         )
+
+    @property
+    def received(self) -> tuple[str, ...]:
+        """Names of what changes echoes beside thermal noise; none with an ideal receiver and without emitters."""
+        given = () if self.chain is None else self.chain.given
+        return given if self.emitters is None else (*given, "interference_file")
 
     @property
     def mode_law(self) -> RadarMode:
@@ -233,6 +245,8 @@ class Radar:
         if self.delay is None:
             return 0.0
         wave = self.waveform
+        if wave.code:
+            return wave.center_frequency / wave.chirp_rate
         sign = 1.0 if wave.sweep == "up" else -1.0
         return sign * wave.center_frequency * wave.pulse_width / wave.bandwidth
 
@@ -342,7 +356,12 @@ class Radar:
             for one in (self.track, self.recorded, self.receiver)
         )
         assert track is not None
-        aim = self.aim_point + self.offset
         return replace(
-            self, track=track, recorded=recorded, receiver=receiver, aim_point=aim, offset=np.zeros(3)
+            self,
+            track=track,
+            recorded=recorded,
+            receiver=receiver,
+            aim_point=self.aim_point + self.offset,
+            offset=np.zeros(3),
+            emitters=None if self.emitters is None else self.emitters.moved(self.offset),
         )

@@ -5,16 +5,19 @@ Scene files have the same bounds, in degrees and decibels, beside each parameter
 """
 
 from collections.abc import Iterable
+from dataclasses import fields
 
 import numpy as np
 
 from sarmitsuba.core.arrays import F64, unit_rows
 from sarmitsuba.core.errors import RadarError
 from sarmitsuba.core.parameters import one_line
+from sarmitsuba.radar.description import SENSOR
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.polarisation import CHANNELS
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.receive_chain import ReceiveChain, check_chain
 from sarmitsuba.radar.track import Track
 
 # name, value, lowest, highest, unit
@@ -29,6 +32,16 @@ _ROUNDING = 1e-9  # of 0 dB
 _TURN, _OFF = 0.5, 0.5
 # allowed deviation of unit vectors' lengths: files may be in float32
 _UNIT = 1e-3
+
+
+def _check_chain(chain: ReceiveChain, channels: tuple[str, ...]) -> None:
+    """Check a receive chain by the bounds of scene files; no clipping is an infinite level there."""
+    for param in SENSOR.params:
+        if param.name in (f.name for f in fields(chain)):
+            value = getattr(chain, param.name)
+            unclipped = param.name == "saturation_db" and value == float("inf")
+            param.convert(None if unclipped else value, "radar/chain", RadarError)
+    check_chain(chain, channels)
 
 
 def check_radar(radar: Radar) -> None:
@@ -77,6 +90,8 @@ def check_radar(radar: Radar) -> None:
             for axis in ("boresight", "azimuth_axis", "elevation_axis"):
                 _check_unit(f"{name} {axis}", getattr(pointing, axis))
     check_anchor(radar.anchor)
+    if radar.chain is not None:
+        _check_chain(radar.chain, radar.channels)
 
 
 def check_request(request: ImageRequest) -> None:

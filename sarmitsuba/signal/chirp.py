@@ -18,11 +18,11 @@ _BATCH = 2**22  # complex samples transformed at once, 32 MB
 def pulse_samples(waveform: Waveform, sampling_rate: float) -> C128:
     r"""Transmitted pulse at the receiver's sampling rate.
 
-    .. math:: g_n = e^{j \pi \gamma t_n^2}, \quad t_n = n / f_s - T_p / 2, \quad 0 \le n \le T_p f_s
+    .. math:: g_n = e^{j \phi(t_n)}, \quad t_n = n / f_s - T_p / 2, \quad 0 \le n \le T_p f_s
 
     Parameters
     ----------
-    waveform : LFM pulse of chirp rate gamma and width T_p
+    waveform : pulse of width T_p and phase phi, :math:`\pi \gamma t^2` for linear modulation
     sampling_rate : complex samples per second f_s, Hz
 
     Returns
@@ -31,7 +31,12 @@ def pulse_samples(waveform: Waveform, sampling_rate: float) -> C128:
     """
     n = math.floor(waveform.pulse_width * sampling_rate * (1.0 + 1e-12)) + 1
     t = np.arange(n) / sampling_rate - 0.5 * waveform.pulse_width
-    return np.asarray(np.exp(1j * np.pi * waveform.chirp_rate * t**2))
+    if not waveform.code:
+        return np.asarray(np.exp(1j * np.pi * waveform.chirp_rate * t**2))
+    pulse = np.asarray(np.exp(1j * waveform.phase(t)))
+    if waveform.chips is not None:  # a chip ends where the next begins, so that all have as many samples
+        pulse[t >= waveform.pulse_width * (0.5 - 1e-9)] = 0.0
+    return pulse
 
 
 def n_fast_chirped(radar: Radar) -> int:

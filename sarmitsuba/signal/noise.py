@@ -37,7 +37,9 @@ def noise_power(radar: Radar, domain: str) -> float:
     return BOLTZMANN * radar.noise_temperature / radar.waveform.pulse_width
 
 
-def noise_generator(radar: Radar, seed: int, channel: int, days: float = 0.0) -> np.random.Generator:
+def noise_generator(
+    radar: Radar, seed: int, channel: int, days: float = 0.0, stream: int = _STREAM
+) -> np.random.Generator:
     """Random generator of a receiver's noise, seeded by channel, antenna position and time.
 
     Two passes with one seed have the same scatterers but independent noise.
@@ -48,6 +50,7 @@ def noise_generator(radar: Radar, seed: int, channel: int, days: float = 0.0) ->
     seed : the same seed gives the same noise
     channel : number of the channel
     days : since the first pass
+    stream : number of the quantity that is drawn; default: thermal noise
     """
     tracks = [radar.track, *([radar.receiver] if radar.receiver is not None else [])]
     # the shift keeps round coordinates away from rounding boundaries
@@ -55,7 +58,7 @@ def noise_generator(radar: Radar, seed: int, channel: int, days: float = 0.0) ->
         100.0 * np.concatenate([t.center_position + radar.offset for t in tracks]) + 0.3718
     ).astype(np.int64)
     later = [int(np.float64(days).view(np.uint64))] if days else []
-    return np.random.default_rng([seed, _STREAM, channel, *(int(v) & 0xFFFFFFFF for v in place), *later])
+    return np.random.default_rng([seed, stream, channel, *(int(v) & 0xFFFFFFFF for v in place), *later])
 
 
 def add_noise(raw: RawData, seed: int = 0, days: float = 0.0) -> RawData:
@@ -75,7 +78,7 @@ def add_noise(raw: RawData, seed: int = 0, days: float = 0.0) -> RawData:
     -----
     The planes of a channel (bounce orders, subsets) add up to the channel, so its noise is added to the plane of the
     lowest order; of two subsets each gets the same noise by its share, so that their difference is free of noise.
-    Ignores quantisation, clutter and interference.
+    Quantisation and other errors of the receiver are those of :func:`sarmitsuba.signal.receive.receive`.
     """
     radar = raw.radar
     if radar.noise_temperature <= 0.0:
@@ -92,7 +95,7 @@ def add_noise(raw: RawData, seed: int = 0, days: float = 0.0) -> RawData:
         for start in range(0, n_pulses, step):
             shape = (min(step, n_pulses - start), n_fast)
             noise = (
-                _white(rng, shape, power)
+                draw_white(rng, shape, power)
                 if raw.domain == "chirped"
                 else _draw_in_band(rng, shape, power, radar)
             )
@@ -102,7 +105,7 @@ def add_noise(raw: RawData, seed: int = 0, days: float = 0.0) -> RawData:
     return replace(raw, data=data, metadata=metadata)
 
 
-def _white(rng: np.random.Generator, shape: tuple[int, int], power: float) -> C64:
+def draw_white(rng: np.random.Generator, shape: tuple[int, int], power: float) -> C64:
     """Circular complex Gaussian of mean power ``power``."""
     pair = rng.standard_normal((*shape, 2), dtype=np.float32) * np.float32(np.sqrt(0.5 * power))
     return np.asarray(pair.view(np.complex64)[..., 0])
@@ -117,5 +120,5 @@ def _draw_in_band(rng: np.random.Generator, shape: tuple[int, int], power: float
         (0.5 * share - bins) * n_fft + 0.5, 0.0, 1.0
     )  # an edge bin is weighted by its part within the band
     gain = np.sqrt(gain * (n_fft / gain.sum())).astype(np.float32)
-    white = _white(rng, (shape[0], n_fft), power) * (gain * np.float32(np.sqrt(n_fft)))
+    white = draw_white(rng, (shape[0], n_fft), power) * (gain * np.float32(np.sqrt(n_fft)))
     return np.asarray(scipy.fft.ifft(white, axis=-1, workers=-1, overwrite_x=True)[:, : shape[1]])

@@ -622,6 +622,16 @@ def refuse(scene: Scene) -> None:
         raise RadarError(f"{name}: method {method} makes no raw data to differentiate; take hybrid or raw")
     if scene.radar.receiver is not None and not scene.radar.receives_itself:
         raise RadarError(f"{name}: two antennas cannot be differentiated; take one that sends and receives")
+    off = {effect for effect, switch in scene.settings.effects.items() if switch == "off"}
+    kept = replace(
+        scene.radar,
+        chain=None if "receive_chain" in off else scene.radar.chain,
+        emitters=None if "interference" in off else scene.radar.emitters,
+    )
+    if kept.received:
+        raise RadarError(
+            f"{name}: {kept.received[0]} of the receiver cannot be differentiated; leave it out, or its effect off"
+        )
     if scene.moves:
         raise SceneError(f"{name}: moving objects cannot be differentiated; stop them")
     if not scene.geometry.n_faces:

@@ -25,6 +25,7 @@ class Noise(Effect):
     off_means = "no noise"
     rank = 140
     at_key_pulses = False
+    of_receiver = True
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""

@@ -47,6 +47,11 @@ from sarmitsuba.signal.focusing.focuser import (
 )
 from sarmitsuba.signal.focusing.frequency_domain.turning import turns
 from sarmitsuba.signal.focusing.grid import default_grid
+from sarmitsuba.signal.focusing.interference_filter import (
+    InterferenceFilter,
+    filter_interference,
+    parse_interference_filter,
+)
 from sarmitsuba.signal.focusing.motion_compensation import (
     Residual,
     Straightening,
@@ -245,7 +250,7 @@ def shown_share(
     Ignores that gain and range differ over the image.
     """
     radar = raw.radar
-    if radar.noise_temperature > 0.0:
+    if radar.noise_temperature > 0.0 or radar.received:
         return float("nan")
     window = radar.window
     spacing = grid.azimuth_spacing * grid.range_spacing * (sine if grid.kind == "ground" else 1.0)
@@ -362,6 +367,7 @@ def focus(
     compression: Literal["flat", "matched"] = "flat",
     motion_compensation: str = "auto",
     autofocus: str | Autofocuser | None = None,
+    interference_filter: str | InterferenceFilter | None = None,
     progress: Progress = silent,
 ) -> SarImage:
     """Focus raw data into a calibrated image, layer by layer.
@@ -384,6 +390,8 @@ def focus(
         :mod:`sarmitsuba.signal.focusing.motion_compensation`; ``off``: such a focuser refuses the data
     autofocus : name in ``AUTOFOCUSERS`` (``phase_gradient``, ``minimum_entropy``, ``maximum_contrast``), with options
         if wanted, such as ``phase_gradient,rounds=12``; or an autofocuser itself; None and ``none``: the recorded track
+    interference_filter : name in ``INTERFERENCE_FILTERS`` (``notch``, ``time_frequency``), with options if wanted, such
+        as ``notch,threshold=6``; None and ``none``: no filter
     progress : called after every batch
 
     Returns
@@ -401,10 +409,15 @@ def focus(
     """
     raw = raw_data(raw)
     windows = (range_window, azimuth_window)
+    filtering, cost = parse_interference_filter(interference_filter), None
+    if filtering is not None:
+        check_radar(raw.radar)
+        check_pulses(raw.data, "focus: ")
+        raw, cost = filter_interference(range_compress(raw, method=compression), filtering)
     chain = prepare(raw, grid, request, focuser, windows, compression, motion_compensation, autofocus)
     raw, echoes, grid, focuser = chain.raw, chain.raw, chain.grid, chain.focuser
     range_window, azimuth_window = chain.windows
-    corrections: dict[str, object] = {}
+    corrections: dict[str, object] = {} if cost is None else {"interference_filter": cost}
     left_db = -np.inf
     if chain.compensation is not None:
         plan, residual = chain.compensation

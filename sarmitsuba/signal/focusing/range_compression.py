@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import scipy.fft
 
-from sarmitsuba.core.arrays import C64, C128, LinearMap
+from sarmitsuba.core.arrays import C64, C128, F64, LinearMap
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.parameters import did_you_mean
 from sarmitsuba.radar.radar import Radar
@@ -16,8 +16,10 @@ from sarmitsuba.signal.focusing.profiles import band_weights
 from sarmitsuba.signal.focusing.windows import parse_window
 from sarmitsuba.signal.raw_data import RawData
 
-Compression = Literal["flat", "matched"]
-COMPRESSIONS: tuple[str, ...] = ("flat", "matched")
+Compression = Literal["flat", "matched", "mismatched"]
+COMPRESSIONS: tuple[str, ...] = ("flat", "matched", "mismatched")
+# of the mean spectrum, added to that by which a mismatched filter divides: the larger, the nearer to the matched filter
+_REGULAR = 0.01
 
 _BATCH = 1 << 22  # complex samples transformed at once, 32 MB
 
@@ -31,7 +33,10 @@ def compression_filter(radar: Radar, n_fft: int, method: str = "matched") -> C12
 
     Both give a point of echo amplitude A the peak A. ``matched`` is best against noise and leaves the pulse's Fresnel
     ripple and the -6 dB at its band edges, squared, in the profile's spectrum; ``flat`` divides them out,
-    which is the exact inverse of :func:`sarmitsuba.signal.chirp.to_chirped`: a flat band, a pure sinc.
+    which is the exact inverse of :func:`sarmitsuba.signal.chirp.to_chirped`: a flat band, a pure sinc. ``mismatched``
+    divides the matched one by the spectrum D of the code without the shape of its chips, of which the response is left:
+    :math:`P^* / (|D|^2 + 0.01 \langle |D|^2 \rangle)` (Ackroyd and Ghani, IEEE Trans. AES 9 (2) 1973, for long
+    filters); D = P for frequency modulation.
 
     Notes
     -----
@@ -45,10 +50,24 @@ def compression_filter(radar: Radar, n_fft: int, method: str = "matched") -> C12
     wave, rate = radar.waveform, radar.window.sampling_rate
     pulse = chirp_spectrum(radar, n_fft)
     band = band_weights(n_fft, rate, wave.bandwidth, parse_window("rectangular"))
+    if method == "mismatched":
+        power = _code_power(radar, n_fft, pulse)
+        rough = band * pulse.conj() / (power + _REGULAR * float(np.sum(band * power) / np.sum(band)))
+        return np.asarray(rough * (n_fft / float(np.sum(rough * pulse).real)))
     if method == "matched":
         return np.asarray(band * pulse.conj() * (n_fft / float(np.sum(band * np.abs(pulse) ** 2))))
     inverse = np.divide(band, pulse, out=np.zeros_like(pulse), where=band > 0.0)
     return np.asarray(inverse * (rate / wave.bandwidth))
+
+
+def _code_power(radar: Radar, n_fft: int, pulse: C128) -> F64:
+    """Spectrum (n_fft,) of a phase code as one number per chip; of other pulses, their own ``pulse``."""
+    chips = radar.waveform.chips
+    if chips is None:
+        return np.asarray(np.abs(pulse) ** 2)
+    step = radar.waveform.pulse_width * radar.window.sampling_rate / chips.size
+    turn = np.exp(-2j * np.pi * np.outer(scipy.fft.fftfreq(n_fft), step * np.arange(chips.size)))
+    return np.asarray(np.abs(turn @ np.exp(1j * chips)) ** 2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -89,6 +89,11 @@ class Imager:
                 f"{run.scene.name}: methods image and raster look from one place, and the receiver is apart from the "
                 "transmitter (bistatic); take method hybrid or raw"
             )
+        if received := run.scene.radar.received:
+            raise RadarError(
+                f"{run.scene.name}: methods image and raster make no raw data, so that {received[0]} has no effect; "
+                "take method hybrid or raw, or leave it out"
+            )
         self.run = run
         grid = grid or default_grid(run.scene.radar, run.scene.image)
         self.grid = grid.in_frame(run.scene.radar.offset)

@@ -32,11 +32,12 @@ from sarmitsuba.machine.atomic import atomic_path, offer_resuming
 from sarmitsuba.machine.encoding import json_value, to_json
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.machine.regular_files import open_regular
+from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.signal.focusing import default_grid, focus
 from sarmitsuba.signal.image import ImageGrid, SarImage
-from sarmitsuba.signal.noise import add_noise
 from sarmitsuba.signal.raw_data import Layer, RawData, channels_of, sum_layers
+from sarmitsuba.signal.receive import receive
 from sarmitsuba.simulation.execution.error_bars import (
     PASSES,
     SUBSETS,
@@ -401,13 +402,16 @@ def refine(
             f"{scene.name}: ideal points alone need no rays, and their echoes are exact; leave out target_error_db and "
             "time_limit"
         )
-    noisy = scene.settings.effects.get("noise", "auto") != "off" and scene.radar.noise_temperature > 0.0
-    quiet = {**scene.settings.effects, "noise": "off"}
+    switches, radar = scene.settings.effects, scene.radar
+    noisy = switches.get("noise", "auto") != "off" and radar.noise_temperature > 0.0
+    chain = radar.chain if switches.get("receive_chain", "auto") != "off" else None
+    emitters = radar.emitters if switches.get("interference", "auto") != "off" else None
+    quiet = {**switches, "noise": "off", "receive_chain": "off", "interference": "off"}
     scene = replace(scene, settings=replace(scene.settings, keep_subsets=True, effects=quiet))
     file = Path(state) if state is not None else None
     run_hash = fingerprint(scene)
-    # noise is added to the sum of all passes
-    noiseless = replace(scene, radar=replace(scene.radar, noise_temperature=0.0))
+    # the sum of all passes is what is received
+    noiseless = replace(scene, radar=replace(radar, noise_temperature=0.0, chain=None, emitters=None))
     whole = Run(noiseless, clock=clock, workers=workers)
     layout = PassLayout.of(whole.scene, whole.layers.layers)
     passes = Passes.load(file, run_hash, layout) if file else Passes(run_hash)
@@ -451,7 +455,9 @@ def refine(
         if file:
             passes.save(file)
             blocks_of(file).unlink()  # now contained in the pass
-    return _finish_passes(focuser, goal, noisy)
+    temperature = radar.noise_temperature if noisy else 0.0
+    received = replace(radar, noise_temperature=temperature, chain=chain, emitters=emitters)
+    return _finish_passes(focuser, goal, received if noisy or received.received else None)
 
 
 @dataclass(frozen=True)
@@ -560,16 +566,17 @@ def blocks_of(state: Path) -> Path:
     return state.with_suffix(".blocks")
 
 
-def _finish_passes(focuser: _PassImage, goal: _Goal, noisy: bool) -> Refinement:
-    """Raw data and image of all passes, with receiver noise added last."""
+def _finish_passes(focuser: _PassImage, goal: _Goal, received: Radar | None) -> Refinement:
+    """Raw data and image of all passes, received last by the radar ``received``; None: an ideal receiver."""
     passes, raw = focuser.passes, focuser.raw()
     image = focuser.image or focuser.focus(raw)
     bars = focuser.bars(image)
     error = focuser.counting_bias(max(bars.error_db))
     passes.history[-1] = (passes.seconds, error)
-    if noisy:
+    if received is not None:
         settings = focuser.scene.settings
-        raw = add_noise(raw, seed=settings.seed, days=settings.pass_days)
+        raw = replace(raw, radar=received.as_recorded())
+        raw = receive(raw, seed=settings.seed, days=settings.pass_days)
         image = focuser.focus(raw)
     met = goal.met(error)
     record = {

@@ -1,4 +1,4 @@
-"""Raw data of a scene: trace key pulses, synthesise the pulses around each, add ideal points and noise."""
+"""Raw data of a scene: trace key pulses, synthesise the pulses around each, add ideal points, and receive."""
 
 import warnings
 from dataclasses import replace
@@ -14,8 +14,8 @@ from sarmitsuba.core.timing import StageTimer
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.radar.height_error import NOTED_DB, WARNED_DB, height_error
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.signal.noise import add_noise
 from sarmitsuba.signal.raw_data import RawData
+from sarmitsuba.signal.receive import receive
 from sarmitsuba.simulation.execution.blame import check_traced
 from sarmitsuba.simulation.execution.blocks import Blocks
 from sarmitsuba.simulation.execution.metadata import raw_metadata
@@ -81,8 +81,8 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
         )
     flown = radar.track if radar.recorded is not None else None
     raw = RawData(data, layers, "compressed", radar.as_recorded(), request=scene.image, flown=flown)
-    if plan.on("noise"):
-        raw = add_noise(raw, seed=settings.seed, days=settings.pass_days)
+    if radar.noise_temperature > 0.0 or radar.received:
+        raw = receive(raw, seed=settings.seed, days=settings.pass_days)
         run.timer.lap("noise")
     metadata = raw_metadata(run, plan, notes)
     return replace(raw, metadata={**metadata, **raw.metadata})

@@ -23,6 +23,7 @@ from sarmitsuba.signal.focusing import focus
 from sarmitsuba.signal.focusing.autofocus import Autofocuser
 from sarmitsuba.signal.focusing.focuser import DEFAULT, Focuser
 from sarmitsuba.signal.focusing.grid import default_grid
+from sarmitsuba.signal.focusing.interference_filter import InterferenceFilter
 from sarmitsuba.signal.focusing.windows import Window
 from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.mosaic import mosaic_bursts
@@ -49,7 +50,7 @@ class RenderOptions:
     time_limit : s, for which passes are added; 0: no limit
     error_bars : keep two sets of rays, whose difference measures the sampling error
     grid : pixels
-    focuser, range_window, azimuth_window, motion_compensation, autofocus : as for
+    focuser, range_window, azimuth_window, motion_compensation, autofocus, interference_filter : as for
         :func:`sarmitsuba.signal.focusing.focus`
     plan : overrides the automatic effects plan
     pass_index : other values shift the ray lattices only
@@ -66,6 +67,7 @@ class RenderOptions:
     azimuth_window: str | Window = DEFAULT_WINDOW
     motion_compensation: str = "auto"
     autofocus: str | Autofocuser | None = None
+    interference_filter: str | InterferenceFilter | None = None
     plan: EffectsPlan | None = None
     pass_index: int = 0
 
@@ -242,6 +244,7 @@ def focus_echoes(raw: RawData, options: RenderOptions, progress: Progress | None
         azimuth_window=options.azimuth_window,
         motion_compensation=options.motion_compensation,
         autofocus=options.autofocus,
+        interference_filter=options.interference_filter,
         progress=progress or silent,
     )
     return add_error_bars(image)
@@ -265,6 +268,7 @@ def render(
     azimuth_window: str = DEFAULT_WINDOW,
     motion_compensation: str = "auto",
     autofocus: str | Autofocuser | None = None,
+    interference_filter: str | InterferenceFilter | None = None,
     plan: EffectsPlan | None = None,
     pass_index: int = 0,
     progress: Progress | None = None,
@@ -283,7 +287,7 @@ def render(
         or the time (s) is reached; default: the scene's, 0 is one pass
     error_bars : keep two sets of rays, whose difference measures the sampling error; default: the scene's, which is on
     grid : pixels; default: those that the scene asks for, the same for every method
-    focuser, range_window, azimuth_window, motion_compensation, autofocus : as for
+    focuser, range_window, azimuth_window, motion_compensation, autofocus, interference_filter : as for
         :func:`sarmitsuba.signal.focusing.focus`
     plan : overrides the automatic effects plan
     pass_index : other values shift the ray lattices only
@@ -323,6 +327,7 @@ def render(
         azimuth_window=azimuth_window,
         motion_compensation=motion_compensation,
         autofocus=autofocus,
+        interference_filter=interference_filter,
         plan=plan,
         pass_index=pass_index,
     )

@@ -419,6 +419,8 @@ def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple
         antenna=Antenna(),
         channels=channels,
         noise_temperature=0.0,
+        chain=None,
+        emitters=None,
         recorded=None,
         receiver=None,
         receiver_pointing=None,

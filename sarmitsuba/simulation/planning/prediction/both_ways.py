@@ -351,7 +351,7 @@ def _grid(run: Run) -> ImageGrid:
 def _worth_trying(effect: Effect, plan: EffectsPlan) -> bool:
     """Whether tracing with and without an effect gives any information about it."""
     decision = plan.decision(effect.name)
-    if decision is None or decision.error_db == -np.inf or effect.name == "noise":
+    if decision is None or decision.error_db == -np.inf or effect.of_receiver:
         return False
     if not decision.on and decision.source == "user" and effect.name != "max_depth":
         return False  # somebody may have switched it off because it cannot be traced

@@ -13,6 +13,7 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.materials.map_materials import list_with_parts
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.signal.block import plan_block
+from sarmitsuba.signal.chirp import n_fast_chirped
 from sarmitsuba.signal.direct import plan_direct
 from sarmitsuba.signal.focusing import default_grid
 from sarmitsuba.signal.focusing.focuser import (
@@ -60,6 +61,8 @@ RASTER_SHARE, FORMED_PIXEL = 0.1, 2.1e-7
 SETUP, FIRST_FOCUS, POINT_PULSE = 0.07, 0.04, 1e-7
 # seconds of a sample's noise
 NOISE_SAMPLE = 8e-8
+# of a chirped sample through the receive chain, two passes
+RECEIVED_SAMPLE = 3e-7
 # seconds of the first finer lattice of a process over those of the next
 FIRST_LAID = 0.2
 # share of a run's rays and contributions that one witness may take, and rays that the one of the rays may take in short
@@ -276,6 +279,11 @@ def _count_raw(
         after["points"] = SETUP + len(scene.points) * n_pulses * n_layers * POINT_PULSE
     if radar.noise_temperature > 0.0:
         after["noise"] = samples * NOISE_SAMPLE
+    if radar.received:
+        after["noise"] = (
+            after.get("noise", 0.0) + n_layers * n_pulses * n_fast_chirped(radar) * RECEIVED_SAMPLE
+        )
+        focusing = max(focusing, 3 * 8 * samples)
     if grid and focuser:
         after["focus"] = FIRST_FOCUS + n_layers * focuser.cpu_seconds(radar.start_stop(), grid)
     if tracing is None:
