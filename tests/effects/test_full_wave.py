@@ -17,7 +17,7 @@ from sarmitsuba.truth.validation import full_wave
 @pytest.fixture
 def solver(benchmark_script: Callable[[str], ModuleType]) -> ModuleType:
     module = benchmark_script("full_wave_solver")
-    if not module.install():
+    if not module.installed():
         pytest.skip("bempp-cl or pyopencl is not installed: pip install '.[full-wave]'")
     return module
 

@@ -63,8 +63,9 @@ def link(quick: bool = False) -> Case:
             found.append(measure_noise(scene, "taylor", draws))
             centre = preset_scene(name, off=False)
             plain = link_budget(centre, range_window="rectangular", azimuth_window="rectangular")
-            own.append(plain.middle.nesz)
-            closed.append(closed_form(centre, plain))
+            if scene.radar.burst is None:  # the form is that of a beam at rest; bursts: tests/radar/test_bursts.py
+                own.append(plain.middle.nesz)
+                closed.append(closed_form(centre, plain))
     x = np.arange(float(len(names)))
     noise = "mean of speckle over some 1000 cells, four to sixteen times: a sigma of 0.1 dB and less"
     comparisons = [
@@ -83,7 +84,7 @@ def link(quick: bool = False) -> Case:
     comparisons.append(
         Comparison(
             "NESZ of the budget, no windows, beam's centre",
-            x,
+            np.arange(float(len(own))),
             db_from_power(closed),
             db_from_power(own),
             tolerance=0.1,
