@@ -63,7 +63,8 @@ def link(quick: bool = False) -> Case:
             found.append(measure_noise(scene, "taylor", draws))
             centre = preset_scene(name, off=False)
             plain = link_budget(centre, range_window="rectangular", azimuth_window="rectangular")
-            if scene.radar.burst is None:  # the form is that of a beam at rest; bursts: tests/radar/test_bursts.py
+            # the form is that of a beam at rest; bursts: tests/radar/test_bursts.py
+            if scene.radar.burst is None:
                 own.append(plain.middle.nesz)
                 closed.append(closed_form(centre, plain))
     x = np.arange(float(len(names)))
@@ -90,7 +91,7 @@ def link(quick: bool = False) -> Case:
             tolerance=0.1,
             reason="curved orbits, R^4 over the aperture; whole pulses",
             unit="dB",
-            shown=len(names) - 1,
+            shown=len(own) - 1,
         )
     )
     return Case(
