@@ -82,7 +82,7 @@ class SamplingPlan:
     scatterer_cell : m, edge of the cells with one persistent diffuse scatterer; independent of the look
     footprint_spacing : m, ray spacing for footprints as large as a resolution cell
     spacings : ray spacings, as set or automatic
-    halvings : of the spacing of all rays for coherent returns, also of finer ones
+    halvings : of the spacing of all rays, also of finer ones
     """
 
     scene: Scene

@@ -93,7 +93,7 @@ class Rays:
                     )
                     if missed is not None and one.serves(track.center_index):
                         short.append(missed)
-                for _ in range(self.sampling.halvings if grid.purpose != "diffuse" else 0):
+                for _ in range(self.sampling.halvings):
                     grid = halve_spacing(grid)
                 finer.append(grid)
             made.append(tuple(grid for grid in finer if grid.n_rays))
