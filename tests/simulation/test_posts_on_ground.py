@@ -80,6 +80,35 @@ def test_a_post_narrower_than_a_cell_is_found_behind_the_ground(
         assert sum(np.array(fine)[later]) > 0.95 * image
 
 
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*leaves out returns")  # tubes open above are wave guides
+def test_posts_that_mirror_each_other_leave_rays_for_the_ground(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A stand of trunks: tubes that one post spreads over others lack any number of rays; double bounces come first."""
+    monkeypatch.setattr(chains, "MOST_RAYS", 100_000)
+    post = SCENE[SCENE.index('<shape type="cylinder">') : SCENE.index("</scene>")]
+    rng = np.random.default_rng(4)
+    posts = ""
+    for x, y in rng.uniform(-8.0, 8.0, (14, 2)):
+        moved = post.format(a=0.15, h=8.0).replace('x="0" y="0"', f'x="{x:.2f}" y="{y:.2f}"')
+        posts += moved
+    path = tmp_path / "stand.xml"
+    path.write_text(SCENE.format(a=0.15, h=8.0).replace("</scene>", posts + "</scene>"))
+    band = {"center_frequency": "1.3e9", "bandwidth": "6e7", "azimuth_resolution": "2.5"}
+    band = {f"sar_antenna.{name}": value for name, value in band.items()}
+    scene = load_scene(path, radar=None, parameters=band).replace(image_extent_azimuth=40.0)
+    scene = scene.replace(endless_ground="off", max_depth=3)
+    run = Run(scene)
+    assert run.sampling is not None
+    for grids in run.lattices(run.sampling, 0):
+        (grid,) = [each for each in grids if each.purpose != "diffuse"]
+        need = np.maximum(run.trace_scene.needs[0].min(), chains.FINEST * scene.radar.waveform.wavelength)
+        ground = [one for one in grid.every_level if one.serves == "later" and not np.isfinite(one.needs[1])]
+        # tol: a factor of two, what the small bound on rays allows; by the lack alone the ground got none
+        assert min(one.spacing for one in ground) <= 2.0 * need
+
+
 def test_halved_lattices_tile_the_same_area() -> None:
     grid = lattice(3.0, 2.0, 0.25)
     finer = halve_spacing(grid)

@@ -263,8 +263,7 @@ def halved_plan(
 ) -> SamplingPlan | None:
     """Plan at half the spacing, where automatic rays are too far apart by the measurement; None where they are not.
 
-    Rays for diffuse returns alone keep their spacing. Two sets of rays have to say so, too, and half the spacing has to
-    fit the bound on rays.
+    Two sets of rays have to say so, too, and half the spacing has to fit the bound on rays.
 
     Parameters
     ----------
@@ -272,9 +271,8 @@ def halved_plan(
     """
     if witness is None or sampling.halvings or sampling.scene.settings.ray_spacing > 0.0:
         return None
-    coherent = [grid.n_rays for grids in lattices for grid in grids if grid.purpose != "diffuse"]
     if not (witness.error_db > FINE_DB and witness.law_db > FINE_DB):
         return None
-    if not coherent or 4 * max(coherent) > MOST_RAYS:
+    if 4 * max((grid.n_rays for grids in lattices for grid in grids), default=0) > MOST_RAYS:
         return None
     return replace(sampling, halvings=1)
