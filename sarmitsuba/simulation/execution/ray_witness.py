@@ -263,7 +263,8 @@ def halved_plan(
 ) -> SamplingPlan | None:
     """Plan at half the spacing, where automatic rays are too far apart by the measurement; None where they are not.
 
-    Two sets of rays have to say so, too, and half the spacing has to fit the bound on rays.
+    Two sets of rays have to say so, too, and half the spacing has to fit the bound on rays. Diffuse returns alone keep
+    their spacing.
 
     Parameters
     ----------
@@ -273,6 +274,7 @@ def halved_plan(
         return None
     if not (witness.error_db > FINE_DB and witness.law_db > FINE_DB):
         return None
-    if 4 * max((grid.n_rays for grids in lattices for grid in grids), default=0) > MOST_RAYS:
+    every = [grid for grids in lattices for grid in grids]
+    if all(grid.purpose == "diffuse" for grid in every) or 4 * max(grid.n_rays for grid in every) > MOST_RAYS:
         return None
     return replace(sampling, halvings=1)
