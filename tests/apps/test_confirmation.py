@@ -29,7 +29,7 @@ from tests.support.fits import fields, noisy
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*edge_diffraction is switched off"),
     # what a fit says of derivatives that edges of shadows bend is no verdict on its result
-    pytest.mark.filterwarnings("ignore:.*derivatives by .* are off by"),
+    pytest.mark.filterwarnings("ignore:.*derivatives by .* have an error of"),
     pytest.mark.filterwarnings("ignore:.*max_depth = 2 leaves out returns"),
 ]
 PLACE = ("height:@", "shift:@:x", "shift:@:y")

@@ -230,7 +230,7 @@ def test_derivatives_that_are_wrong_are_not_confirmed(monkeypatch: pytest.Monkey
     data = model.raw(model.data(np.array([2e-3])))
     own = AntennaTrack.changed
     monkeypatch.setattr(AntennaTrack, "changed", lambda self, scene, values: own(self, scene, 0.5 * values))
-    with pytest.warns(SarmitsubaWarning, match="derivatives by track are off by"):
+    with pytest.warns(SarmitsubaWarning, match="derivatives by track have an error of"):
         found = fit(scene, data, "track:1:z")
     # tol: truncation of the difference
     assert found.witnesses["track"].error_db == pytest.approx(0.0, abs=0.3)

@@ -60,7 +60,7 @@ def plate(**radar: Any) -> Scene:
 @pytest.mark.parametrize("kind", few_of(["alone", "rough", "metal"]))
 @pytest.mark.filterwarnings("ignore:.*edge_diffraction is switched off")
 @pytest.mark.filterwarnings(
-    "ignore:.*derivatives by shift are off by"
+    "ignore:.*derivatives by shift have an error of"
 )  # five coarse facets; the data count here
 def test_raw_data_are_those_of_a_plain_run_to_the_bit(kind: str) -> None:
     scene = drawn(5, kind)

@@ -133,9 +133,8 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
         errors.append(weight * sum_energies(shared[:, pulse - start] - exact))
         here.append(weight * sum_energies(exact))
         if share < 1.0:
-            of_strip = sum_energies(shared) / (stop - start)
-            covered = np.divide(of_strip, mean, out=np.zeros_like(mean), where=mean > 0.0)
-            here[-1] = mean * np.clip(covered, STRIP_ENERGY * share / (1.0 - share), 1.0)
+            of_strip = weight * sum_energies(shared) / (stop - start)
+            here[-1] = np.maximum(of_strip, mean * (STRIP_ENERGY * share / (1.0 - share)))
             energies.append(here[-1])
         else:
             energies.append(mean)
@@ -151,7 +150,7 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
     if share == 1.0:
         return _combine_boundaries(found, boundaries, float(found.samples), _certain(found))
     counted = mean > power_from_db(EMPTY_DB) * mean.max()
-    covered = float((every[1][:, counted] / mean[counted]).sum(axis=0).min())
+    covered = float(np.minimum(every[1][:, counted] / mean[counted], 1.0).sum(axis=0).min())
     return _combine_boundaries(found, boundaries, covered, replace(found, error_db=_least_db(*every)))
 
 
