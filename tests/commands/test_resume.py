@@ -160,7 +160,7 @@ def test_shorter_blocks_are_not_decided_twice(
     box: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Wanted are blocks with less error than the first: stopped in the shorter ones, the run keeps to them."""
-    settings = replace(box.settings, target_error_db=-45.0)
+    settings = replace(box.settings, target_error_db=-35.0)
     scene, state = replace(box, settings=settings), tmp_path / "raw.blocks"
     with monkeypatch.context() as patch:
         launches = killing(patch, 1000)
