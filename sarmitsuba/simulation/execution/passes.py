@@ -563,7 +563,8 @@ class _PassImage:
 
 def blocks_of(state: Path) -> Path:
     """Path of the file of finished blocks of the current pass, next to the state file."""
-    return state.with_suffix(".blocks")
+    path = state.with_suffix(".blocks")
+    return path if path != state else state.with_suffix(".pass.blocks")
 
 
 def _finish_passes(focuser: _PassImage, goal: _Goal, received: Radar | None) -> Refinement:
