@@ -23,6 +23,7 @@ from sarmitsuba.analysis.point_quality import (
     windows_of,
 )
 from sarmitsuba.core.arrays import F64
+from sarmitsuba.core.constants import EMPTY_DB
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.signal.focusing.windows import Window
@@ -31,9 +32,8 @@ from sarmitsuba.signal.metrics import equivalent_number_of_looks, windows_over
 
 # cells along the edge of an automatic area, and of the pieces by which it is chosen
 _EDGE, _PIECE = 24.0, 6.0
-# level of a channel relative to the strongest below which it is empty, dB, and share of the noise's power below which
-# an echo is not seen; pixels along a block
-_EMPTY_DB, _NOISE_SHARE, _BLOCK = -60.0, 0.1, 16
+# share of the noise's power below which an echo is not seen; pixels along a block
+_NOISE_SHARE, _BLOCK = 0.1, 16
 
 
 @dataclass(frozen=True)
@@ -544,7 +544,7 @@ def describe_weak_echoes(image: SarImage) -> tuple[str, ...]:
     noise = image.metadata.get("focus", {}).get("nesz", 0.0)
     sigma0 = {channel: image.sigma0(channel) for channel in image.channels}
     mean = {channel: max(float(power.mean()) - noise, 0.0) for channel, power in sigma0.items()}
-    least = max(power_from_db(_EMPTY_DB) * max(mean.values()), _NOISE_SHARE * noise)
+    least = max(power_from_db(EMPTY_DB) * max(mean.values()), _NOISE_SHARE * noise)
     empty = [channel for channel, power in mean.items() if power <= least]
     notes = []
     if empty and len(empty) < len(mean):

@@ -19,6 +19,9 @@ SUBSET_SHARES: dict[int, float] = {0: 1.0, 1: 0.5, 2: 0.5}
 # (benchmarks/suite/error_bars.py)
 RAY_ERROR_ORDER = 0.83
 
+# energy of a channel relative to the strongest's below which its echoes are rounding and residues of symmetry, dB
+EMPTY_DB = -60.0
+
 # window of images in Python and on the command line: without one the side lobes of a city's corners cross its picture
 DEFAULT_WINDOW = "taylor"
 

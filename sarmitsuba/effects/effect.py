@@ -140,3 +140,11 @@ def effects() -> tuple[Effect, ...]:
 def switchable_effects() -> tuple[Effect, ...]:
     """Effects with a switch in the scene file, in the order of the plan."""
     return tuple(effect for effect in effects() if effect.documentation)
+
+
+def idealise_receiver(scene: Scene, *, switched_off: bool = False) -> Scene:
+    """Scene without the effects of its receiver; with ``switched_off`` without those alone that it switches off."""
+    for effect in EFFECTS:
+        if effect.of_receiver and (not switched_off or scene.settings.effects.get(effect.name) == "off"):
+            scene = effect.without(scene)
+    return scene

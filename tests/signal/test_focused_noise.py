@@ -46,7 +46,9 @@ def predicted(radar: Radar, points: np.ndarray, window: str) -> np.ndarray:
 
 
 @pytest.mark.filterwarnings("ignore:focus. the rows")
-@pytest.mark.filterwarnings("ignore:.*focuser chirp_scaling has an error")  # noise alone, at the edges of the band
+@pytest.mark.filterwarnings(
+    "ignore:.*focuser chirp_scaling has an error"
+)  # noise alone, at the edges of the band
 @pytest.mark.parametrize(
     ("mode", "slant_range", "cell", "seed", "window"),
     [

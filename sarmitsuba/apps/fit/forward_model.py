@@ -25,6 +25,7 @@ from sarmitsuba.core.arrays import C64, C128, F64, I64
 from sarmitsuba.core.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.core.errors import RadarError, SceneError
 from sarmitsuba.core.parameters import one_line
+from sarmitsuba.effects.effect import idealise_receiver
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.machine.memory import check_fits
 from sarmitsuba.radar.radar import Radar
@@ -622,15 +623,10 @@ def refuse(scene: Scene) -> None:
         raise RadarError(f"{name}: method {method} makes no raw data to differentiate; take hybrid or raw")
     if scene.radar.receiver is not None and not scene.radar.receives_itself:
         raise RadarError(f"{name}: two antennas cannot be differentiated; take one that sends and receives")
-    off = {effect for effect, switch in scene.settings.effects.items() if switch == "off"}
-    kept = replace(
-        scene.radar,
-        chain=None if "receive_chain" in off else scene.radar.chain,
-        emitters=None if "interference" in off else scene.radar.emitters,
-    )
-    if kept.received:
+    kept = idealise_receiver(scene, switched_off=True).radar.received
+    if kept:
         raise RadarError(
-            f"{name}: {kept.received[0]} of the receiver cannot be differentiated; leave it out, or its effect off"
+            f"{name}: {kept[0]} of the receiver cannot be differentiated; leave it out, or its effect off"
         )
     if scene.moves:
         raise SceneError(f"{name}: moving objects cannot be differentiated; stop them")

@@ -16,7 +16,7 @@ from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.core.registry import Registry
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.focusing.aperture_weights import matched_weights
-from sarmitsuba.signal.focusing.focuser import Focuser, FocusTask, WithOptions
+from sarmitsuba.signal.focusing.focuser import Focuser, FocusTask, WithOptions, parse_optional
 from sarmitsuba.signal.focusing.profiles import plan_profiles
 from sarmitsuba.signal.focusing.windows import Window, parse_window
 from sarmitsuba.signal.image import ImageGrid
@@ -82,21 +82,8 @@ AUTOFOCUSERS: Registry[Autofocuser] = Registry(
 
 
 def parse_autofocus(text: str | Autofocuser | None) -> Autofocuser | None:
-    """Read an autofocuser from its name and options, such as ``phase_gradient,rounds=6``; None and ``none``: none.
-
-    Raises
-    ------
-    ExtensionError
-        There is no autofocuser of that name.
-    DataError
-        Unknown option, or a value of the wrong type.
-    """
-    if text is None or isinstance(text, Autofocuser):
-        return text
-    name, *rest = text.strip().split(",")
-    if name == "none" and not rest:
-        return None
-    return AUTOFOCUSERS[name].with_texts(rest)
+    """Read an autofocuser from its name and options; see :func:`sarmitsuba.signal.focusing.focuser.parse_optional`."""
+    return parse_optional(text, AUTOFOCUSERS)
 
 
 def remove_error(raw: RawData, method: Autofocuser, task: AutofocusTask) -> tuple[RawData, dict[str, object]]:

@@ -8,7 +8,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -125,6 +125,25 @@ class WithOptions:
             for field in dataclasses.fields(self)
         ]
         return "; options ".join([self.title, ", ".join(options)]) if options else self.title
+
+
+Optioned = TypeVar("Optioned", bound=WithOptions)
+
+
+def parse_optional(text: str | Optioned | None, registry: Registry[Optioned]) -> Optioned | None:
+    """Read an entry of a registry from its name and options, such as ``notch,threshold=6``; None and ``none``: none.
+
+    Raises
+    ------
+    ExtensionError
+        There is no entry of that name.
+    DataError
+        Unknown option, or a value of the wrong type.
+    """
+    if not isinstance(text, str):
+        return text
+    name, *rest = text.strip().split(",")
+    return None if name == "none" and not rest else registry[name].with_texts(rest)
 
 
 def _takes(field: "dataclasses.Field[OptionValue]") -> str:

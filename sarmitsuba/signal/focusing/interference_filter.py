@@ -19,7 +19,7 @@ from sarmitsuba.core.registry import Registry
 from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.signal.chirp import to_chirped
-from sarmitsuba.signal.focusing.focuser import WithOptions, option
+from sarmitsuba.signal.focusing.focuser import WithOptions, option, parse_optional
 from sarmitsuba.signal.focusing.range_compression import RangeCompression
 from sarmitsuba.signal.raw_data import Layer, RawData
 
@@ -159,21 +159,8 @@ INTERFERENCE_FILTERS.register(TimeFrequency())
 
 
 def parse_interference_filter(text: str | InterferenceFilter | None) -> InterferenceFilter | None:
-    """Read a filter from its name and options, such as ``notch,threshold=6``; None and ``none``: none.
-
-    Raises
-    ------
-    ExtensionError
-        There is no filter of that name.
-    DataError
-        Unknown option, or a value of the wrong type.
-    """
-    if text is None or isinstance(text, InterferenceFilter):
-        return text
-    name, *rest = text.strip().split(",")
-    if name == "none" and not rest:
-        return None
-    return INTERFERENCE_FILTERS[name].with_texts(rest)
+    """Read a filter from its name and options; see :func:`sarmitsuba.signal.focusing.focuser.parse_optional`."""
+    return parse_optional(text, INTERFERENCE_FILTERS)
 
 
 def filter_interference(raw: RawData, method: InterferenceFilter) -> tuple[RawData, dict[str, object]]:

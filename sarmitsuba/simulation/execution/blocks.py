@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.core.arrays import C64, F64, sum_energy
-from sarmitsuba.core.constants import SUBSET_SHARES
+from sarmitsuba.core.constants import EMPTY_DB, SUBSET_SHARES
 from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.core.witness import Witness
 from sarmitsuba.signal.raw_data import Layer
-from sarmitsuba.simulation.execution.error_bars import EMPTY_DB, estimate_error, has_subsets
+from sarmitsuba.simulation.execution.error_bars import estimate_error, has_subsets
 from sarmitsuba.simulation.execution.finished import FinishedBlocks
 from sarmitsuba.simulation.execution.ray_witness import witness_rays
 from sarmitsuba.simulation.execution.statistics import TraceStatistics

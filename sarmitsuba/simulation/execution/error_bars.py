@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from sarmitsuba.core.arrays import C64, F32, sum_energy
-from sarmitsuba.core.constants import SUBSET_SHARES
+from sarmitsuba.core.constants import EMPTY_DB, SUBSET_SHARES
 from sarmitsuba.core.errors import DataError
 from sarmitsuba.core.units import amplitude_from_db, db_from_power, power_from_db
 from sarmitsuba.core.witness import Witness
@@ -29,8 +29,6 @@ SHARED_SCATTER_DB = 1.9
 PASSES_SHARED_DB = 4.0
 # rms difference of that estimate and truth over the 21 runs of that benchmark, dB
 PASSES_SCATTER_DB = 1.5
-# energy of a channel relative to the strongest's below which its echoes are rounding and residues of symmetry, dB
-EMPTY_DB = -60.0
 # number of pixels with a common error: reduces the number of independent ones
 PIXELS_TOGETHER = 16.0
 

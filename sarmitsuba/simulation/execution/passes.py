@@ -28,12 +28,14 @@ from sarmitsuba.core.progress import Progress, silent
 from sarmitsuba.core.timing import Clock
 from sarmitsuba.core.units import power_from_db
 from sarmitsuba.core.witness import Witness
+from sarmitsuba.effects.effect import EFFECTS, idealise_receiver
 from sarmitsuba.machine.atomic import atomic_path, offer_resuming
 from sarmitsuba.machine.encoding import json_value, to_json
 from sarmitsuba.machine.exclusive import exclusive
 from sarmitsuba.machine.regular_files import open_regular
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene, SceneLike
+from sarmitsuba.scene.settings import Switch
 from sarmitsuba.signal.focusing import default_grid, focus
 from sarmitsuba.signal.image import ImageGrid, SarImage
 from sarmitsuba.signal.raw_data import Layer, RawData, channels_of, sum_layers
@@ -402,16 +404,14 @@ def refine(
             f"{scene.name}: ideal points alone need no rays, and their echoes are exact; leave out target_error_db and "
             "time_limit"
         )
-    switches, radar = scene.settings.effects, scene.radar
-    noisy = switches.get("noise", "auto") != "off" and radar.noise_temperature > 0.0
-    chain = radar.chain if switches.get("receive_chain", "auto") != "off" else None
-    emitters = radar.emitters if switches.get("interference", "auto") != "off" else None
-    quiet = {**switches, "noise": "off", "receive_chain": "off", "interference": "off"}
+    received = idealise_receiver(scene, switched_off=True).radar
+    off: dict[str, Switch] = {effect.name: "off" for effect in EFFECTS if effect.of_receiver}
+    quiet = {**scene.settings.effects, **off}
     scene = replace(scene, settings=replace(scene.settings, keep_subsets=True, effects=quiet))
     file = Path(state) if state is not None else None
     run_hash = fingerprint(scene)
     # the sum of all passes is what is received
-    noiseless = replace(scene, radar=replace(radar, noise_temperature=0.0, chain=None, emitters=None))
+    noiseless = idealise_receiver(scene)
     whole = Run(noiseless, clock=clock, workers=workers)
     layout = PassLayout.of(whole.scene, whole.layers.layers)
     passes = Passes.load(file, run_hash, layout) if file else Passes(run_hash)
@@ -455,9 +455,8 @@ def refine(
         if file:
             passes.save(file)
             blocks_of(file).unlink()  # now contained in the pass
-    temperature = radar.noise_temperature if noisy else 0.0
-    received = replace(radar, noise_temperature=temperature, chain=chain, emitters=emitters)
-    return _finish_passes(focuser, goal, received if noisy or received.received else None)
+    ideal = received.noise_temperature == 0.0 and not received.received
+    return _finish_passes(focuser, goal, None if ideal else received)
 
 
 @dataclass(frozen=True)

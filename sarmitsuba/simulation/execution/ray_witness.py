@@ -16,10 +16,11 @@ import numpy as np
 import scipy
 
 from sarmitsuba.core.arrays import C64, F64
+from sarmitsuba.core.constants import EMPTY_DB
 from sarmitsuba.core.errors import SarmitsubaWarning
 from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.core.witness import CONFIDENCE, USELESS_DB, Witness
-from sarmitsuba.simulation.execution.error_bars import EMPTY_DB, add_two_sets
+from sarmitsuba.simulation.execution.error_bars import add_two_sets
 from sarmitsuba.simulation.planning.sampling.chains import Draw, exchange_rays
 from sarmitsuba.simulation.planning.sampling.density_plan import SamplingPlan
 from sarmitsuba.tracing.kernel.launch import LaunchGrid

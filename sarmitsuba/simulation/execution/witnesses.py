@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from sarmitsuba.core.arrays import C64, F64, sum_energies
-from sarmitsuba.core.constants import SUBSET_SHARES
+from sarmitsuba.core.constants import EMPTY_DB, SUBSET_SHARES
 from sarmitsuba.core.errors import SarmitsubaError, SarmitsubaWarning
 from sarmitsuba.core.units import db_from_power, power_from_db
 from sarmitsuba.core.witness import CONFIDENCE, Witness
@@ -26,7 +26,6 @@ from sarmitsuba.effects.effect import EFFECTS
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.signal.raw_data import sum_layers
 from sarmitsuba.simulation.execution.blocks import BOUNDARY_SCATTER_DB, STRIP_ENERGY, Blocks, partition, strip
-from sarmitsuba.simulation.execution.error_bars import EMPTY_DB
 from sarmitsuba.simulation.execution.run import Run
 from sarmitsuba.simulation.execution.statistics import TraceStatistics
 from sarmitsuba.simulation.execution.tracing import Batch, BatchTracer, Tracer
@@ -120,7 +119,7 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
     energy = blocks.energy_of_pulses()
     mean = energy.mean(axis=0)
     chance = _chance_of_pulses(blocks, energy)
-    errors, energies, here = [], [], []
+    errors, energies = [], []
     for pulse in _drawn_pulses(chance, n, rng):
         start, stop = next(block for block in blocks.blocks if pulse < block[1])
         place = float(rng.uniform(-1.0, 1.0))
@@ -131,11 +130,9 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
         shared, exact = (np.sum(planes, axis=0) for planes in zip(*sets, strict=True))
         weight = 1.0 / (chance.size * chance[pulse])
         errors.append(weight * sum_energies(shared[:, pulse - start] - exact))
-        here.append(weight * sum_energies(exact))
         if share < 1.0:
             of_strip = weight * sum_energies(shared) / (stop - start)
-            here[-1] = np.maximum(of_strip, mean * (STRIP_ENERGY * share / (1.0 - share)))
-            energies.append(here[-1])
+            energies.append(np.maximum(of_strip, mean * (STRIP_ENERGY * share / (1.0 - share))))
         else:
             energies.append(mean)
     if not errors:
@@ -143,15 +140,16 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
     strips = f" in strips of {100.0 * share:.0f} % of the window" if share < 1.0 else ""
     reference = f"every pulse traced, at {len(errors)} drawn pulses{strips}"
     every = np.array(errors), np.array(energies)
-    found = _worst(*every, np.array(here), blocks.error_db, reference)
+    found = _worst(*every, blocks.error_db, reference)
     if found is None:
         return None
     boundaries = max(len(blocks.blocks) - 1, 0)
     if share == 1.0:
         return _combine_boundaries(found, boundaries, float(found.samples), _certain(found))
     counted = mean > power_from_db(EMPTY_DB) * mean.max()
-    covered = float(np.minimum(every[1][:, counted] / mean[counted], 1.0).sum(axis=0).min())
-    return _combine_boundaries(found, boundaries, covered, replace(found, error_db=_least_db(*every)))
+    of_channels = every[0][:, counted], every[1][:, counted]
+    covered = float(np.minimum(of_channels[1] / mean[counted], 1.0).sum(axis=0).min())
+    return _combine_boundaries(found, boundaries, covered, replace(found, error_db=_least_db(*of_channels)))
 
 
 def _least_db(errors: F64, energies: F64) -> float:
@@ -371,21 +369,20 @@ def _compare(
         return None
     thinner = f", by rays {factor:.1f} times as far apart" if factor > 1.0 else ""
     reference = f"over {len(errors)} drawn block{'s' * (len(errors) > 1)} of pulses{thinner}"
-    found = _worst(np.array(errors), np.array(energies), np.array(energies), math.nan, reference)
+    found = _worst(np.array(errors), np.array(energies), math.nan, reference)
     unseen = db_from_power(
         UNMET / max(traced, 1)
     )  # echoes of rays as bright as the mean that none of these met
     return found and replace(found, upper_db=max(found.upper_db, unseen))
 
 
-def _worst(errors: F64, energies: F64, here: F64, law_db: float, reference: str) -> Witness | None:
+def _worst(errors: F64, energies: F64, law_db: float, reference: str) -> Witness | None:
     """Witness of the channel with the largest error.
 
     Parameters
     ----------
     errors : (n, n_channels) at each drawn pulse
     energies : (n, n_channels) mean over the pulses around
-    here : (n, n_channels) of that pulse; of one or two pulses the weaker counts, as levels change along the track
 
     Notes
     -----
@@ -393,8 +390,6 @@ def _worst(errors: F64, energies: F64, here: F64, law_db: float, reference: str)
     """
     n = len(errors)
     whole = energies.sum(axis=0)
-    if n < 3:
-        whole = np.minimum(whole, here.sum(axis=0))
     if not whole.any():
         return None
     found = []
